@@ -1,5 +1,6 @@
 //! Instruction sets that kernels are compiled for. The best one that the processor has is chosen at run time; every
 //! kernel gives the same bits with each.
+#![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 
 /// Vector instructions that this processor has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,11 +36,44 @@ impl Instructions {
         has.into_iter().filter(|(has, _)| *has).map(|(_, level)| Self(level)).collect()
     }
 
+    /// Runs a kernel as compiled for these instructions.
+    #[inline]
+    pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the level exists only where the processor has these instructions
+            Level::Avx512 => unsafe { run_avx512(kernel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the level exists only where the processor has these instructions
+            Level::Avx2 => unsafe { run_avx2(kernel) },
+            _ => kernel.run(),
+        }
+    }
+
     /// What to run. Whoever gets a level may run what is compiled for it: no other function returns one.
     #[inline]
     pub(crate) fn level(self) -> Level {
         self.0
     }
+}
+
+/// What is compiled for each instruction set. `run` and what it calls must be `inline(always)`.
+pub(crate) trait Kernel {
+    type Output;
+
+    fn run(self) -> Self::Output;
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -46,7 +46,7 @@ pub(super) fn document(
         model: ModelDocument {
             cost: search.model.cost(),
             model_error: end.model_error,
-            settled_voxels: search.model.settled_voxels(),
+            certain_voxels: search.model.certain_voxels(),
         },
         plan: search.plan,
         weights: WeightsDocument::new(args.scene.weights, &search.weights),

@@ -16,7 +16,7 @@ pub(crate) const FLAT_LOSS: f64 = 0.001;
 const PHASES: [f64; 2] = [1.0 / 3.0, 2.0 / 3.0];
 /// Of equals the least tilted wins: equal is what differs by this share of the deviation over starts of the revolutions. More would
 /// cost as much as the search may lose.
-const EQUAL_SHARE: f64 = 0.5;
+const EQUAL_SHARE: f64 = 0.25;
 /// How far from the winner a coordinate is tried, in sixtieths of its range.
 const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
 
@@ -53,6 +53,8 @@ pub(crate) struct ToleranceLoss {
     pub worst_loss_share: f64,
 }
 
+/// A single sensor's pitch is chosen by every so many voxels.
+const SPARSE_SINGLE: usize = 4;
 /// Mounts that are drawn for that.
 const DRAWS: usize = 16;
 const POSITION_M: f64 = 0.01;
@@ -220,7 +222,7 @@ impl SceneSearch<'_> {
                 *turned_rad += rng.between(-angle_rad, angle_rad);
             }
         }
-        let seen = self.model.see(&rigs);
+        let seen = self.model.see_roughly(&rigs, 1);
         let losses: Vec<f64> = seen[1..].iter().map(|off| 1.0 - off.union / seen[0].union.max(1.0)).collect();
         ToleranceLoss {
             position_m: POSITION_M,
@@ -247,7 +249,7 @@ impl SceneSearch<'_> {
             rig
         };
         let rigs: Vec<Rig> = SCAN_PITCHES_DEG.iter().map(tilted).collect();
-        let seen = self.model.see(&rigs);
+        let seen = self.model.see_sparsely(&rigs, SPARSE_SINGLE);
         let best = (0..rigs.len()).reduce(
             |best, next| {
                 if seen[next].union > seen[best].union { next } else { best }
@@ -256,37 +258,40 @@ impl SceneSearch<'_> {
         rigs[best.unwrap_or(0)].clone()
     }
 
-    /// Each coordinate alone, by the model.
+    /// Each coordinate alone, by the model: step by step outward, as long as little is lost.
     fn flat_ranges(&self, winner: &Exact) -> Vec<FlatRange> {
-        let space = self.space();
-        let mut points = vec![winner.values.clone()];
-        let mut owners: Vec<(usize, bool)> = Vec::new();
-        for (at, variable) in space.variables().iter().enumerate() {
-            for is_up in [false, true] {
-                for sixtieths in TRIED {
-                    let step = sixtieths / 60.0 * (variable.high - variable.low);
-                    let value = winner.values[at] + if is_up { step } else { -step };
-                    if (variable.low..=variable.high).contains(&value) {
-                        let mut point = winner.values.clone();
-                        point[at] = value;
-                        points.push(point);
-                        owners.push((at, is_up));
-                    }
-                }
+        let variables = self.space().variables();
+        let least = self.look_at(std::slice::from_ref(&winner.values))[0] - FLAT_LOSS * winner.seen.union;
+        let mut flat: Vec<FlatRange> = variables
+            .iter()
+            .zip(&winner.values)
+            .map(|(variable, value)| FlatRange {
+                coordinate: variable.name.clone(),
+                low: *value,
+                high: *value,
+            })
+            .collect();
+        let mut open: Vec<(usize, bool)> =
+            (0..variables.len()).flat_map(|at| [(at, false), (at, true)]).collect();
+        for sixtieths in TRIED {
+            let value = |(at, is_up): (usize, bool)| {
+                let step = sixtieths / 60.0 * (variables[at].high - variables[at].low);
+                winner.values[at] + if is_up { step } else { -step }
+            };
+            open.retain(|end| (variables[end.0].low..=variables[end.0].high).contains(&value(*end)));
+            let point = |end: &(usize, bool)| {
+                let mut point = winner.values.clone();
+                point[end.0] = value(*end);
+                point
+            };
+            let mut scores = self.look_at(&open.iter().map(point).collect::<Vec<_>>()).into_iter();
+            open.retain(|_| scores.next().is_some_and(|score| score >= least));
+            for end in &open {
+                let FlatRange { low, high, .. } = &mut flat[end.0];
+                *if end.1 { high } else { low } = value(*end);
             }
         }
-        let scores = self.look_at(&points);
-        let least = scores[0] - FLAT_LOSS * winner.seen.union;
-        let range = |(at, variable): (usize, &crate::design::optimize::Variable)| {
-            let end = |up: bool| {
-                let own = owners.iter().zip(points[1..].iter().zip(&scores[1..]));
-                let own = own.filter(|((owner, is_up), _)| (*owner, *is_up) == (at, up));
-                let flat = own.take_while(|(_, (_, score))| **score >= least);
-                flat.last().map_or(winner.values[at], |(_, (point, _))| point[at])
-            };
-            FlatRange { coordinate: variable.name.clone(), low: end(false), high: end(true) }
-        };
-        space.variables().iter().enumerate().map(range).collect()
+        flat
     }
 }
 

@@ -11,10 +11,10 @@ use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
 use crate::simulate::view::{CellView, Seen, View};
 
-/// Rigs of the spread by which voxels that everything sees are found.
-const SETTLING: usize = 48;
-/// Of the spread every so many voxels are looked at, and all of them for its best quarter.
-const SPARSE: usize = 4;
+/// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
+/// best mounts.
+const SPARSE: [usize; 3] = [8, 4, 1];
+const AGAIN: [usize; 3] = [48, 112, 0];
 /// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
 const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 /// Mounts from which a local search steps, and steps between two looks at which are best.
@@ -40,6 +40,8 @@ pub(crate) struct Plan {
     pub local: usize,
     /// Exact evaluations by which the model is corrected.
     pub correcting: usize,
+    /// So many of these come before the first local search: where few are affordable, they keep it from going astray.
+    pub early: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
 }
@@ -47,16 +49,17 @@ pub(crate) struct Plan {
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
     pub(crate) fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
-        let (correcting, finalists) = match rays_of_exact {
-            rays if rays < CHEAP_RAYS => (16, 14),
-            rays if rays < DEAR_RAYS => (12, 8),
-            _ => (6, 5),
+        let (early, correcting, finalists) = match rays_of_exact {
+            rays if rays < CHEAP_RAYS => (0, 16, 18),
+            rays if rays < DEAR_RAYS => (4, 8, 7),
+            _ => (2, 4, 4),
         };
         Self {
             seed,
             evaluations,
             spread: (evaluations / 4).clamp(1, 256),
             local: evaluations * 11 / 20,
+            early,
             correcting: correcting.min(evaluations),
             finalists: finalists.min(evaluations),
         }
@@ -93,6 +96,8 @@ struct Tried {
     mounts: Vec<Mount>,
     /// J by the model.
     score: f64,
+    /// By some of the voxels.
+    is_rough: bool,
     violation_m: f64,
 }
 
@@ -119,7 +124,7 @@ pub(crate) struct SceneSearch<'a> {
 pub(crate) struct Findings {
     /// J by the model, as looked at first.
     pub scores: Vec<f64>,
-    /// Of the best of the spread, by all voxels.
+    /// Of the best of the spread and of the first local search, by all voxels.
     pub again: Vec<f64>,
     /// Of the rigs that were cast.
     pub exact: Vec<Seen>,
@@ -154,7 +159,7 @@ impl<'a> SceneSearch<'a> {
         known: Findings,
     ) -> Result<Self, SpaceError> {
         let space = rigs.space()?;
-        model.unsettle();
+        model.unfocus();
         Ok(Self {
             rigs,
             model,
@@ -179,25 +184,34 @@ impl<'a> SceneSearch<'a> {
     /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
     pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
-        let Plan { evaluations, spread, local, correcting, finalists, seed } = self.plan;
+        let Plan { evaluations, spread, local, early, correcting, finalists, seed } = self.plan;
         let mut rng = Rng::new(seed, 0);
+        let mut rounds = 0;
         let points = self.space.latin_hypercube(spread, &mut rng);
-        let settling: Vec<Rig> = points.iter().take(SETTLING).map(|values| self.rigs.rig(values)).collect();
-        self.model.settle(&settling);
         for points in points.chunks(16) {
             if is_stopped() && !self.tried.is_empty() {
                 break;
             }
-            self.look(points, SPARSE);
+            self.look(points, SPARSE[0]);
             progress(self, "looking at mounts all over the space");
         }
-        self.look_again();
-        self.search_locally((spread + local).min(evaluations), 1, progress, stop);
-        if !is_stopped() {
-            progress(self, "casting every beam of the mounts that correct the model");
-            self.judge_all(self.far_apart(correcting));
-            self.correct();
-            self.search_locally(evaluations, 2, progress, stop);
+        let best = self.roughly_best(AGAIN[0]);
+        self.model.focus(&best.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect::<Vec<_>>());
+        self.look_again(&best);
+        let early = early.min(correcting);
+        for (count, limit) in [(early, (spread + local).min(evaluations)), (correcting - early, evaluations)]
+        {
+            if is_stopped() {
+                break;
+            }
+            if count > 0 {
+                progress(self, "casting every beam of the mounts that correct the model");
+                self.judge_all(self.far_apart(count));
+                self.correct();
+            }
+            rounds += 1;
+            self.search_locally(limit, rounds, progress, stop);
+            self.look_again(&self.roughly_best(AGAIN[rounds]));
         }
         for count in [finalists.div_ceil(2), finalists / 2] {
             if is_stopped() && !self.exact.is_empty() {
@@ -237,7 +251,7 @@ impl<'a> SceneSearch<'a> {
     /// J by the corrected model of points.
     pub(crate) fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
-        let seen = self.model.see(&rigs);
+        let seen = self.model.see_roughly(&rigs, 1);
         let score = |((values, rig), seen): ((&Vec<f64>, &Rig), &Seen)| {
             self.weights.terms(rig, seen).objective() + self.correction.of(&self.rigs.mounts(values))
         };
@@ -268,20 +282,28 @@ impl<'a> SceneSearch<'a> {
 
     /// J by the model, by every `stride`-th voxel.
     fn scores(&self, rigs: &[Rig], stride: usize) -> Vec<f64> {
-        let seen = self.model.see_sparsely(rigs, stride);
+        let seen = self.model.see_roughly(rigs, stride);
         rigs.iter().zip(&seen).map(|(rig, seen)| self.weights.terms(rig, seen).objective()).collect()
     }
 
-    /// The best of the spread by all voxels; the others are not asked for again.
-    fn look_again(&mut self) {
-        let best: Vec<usize> = self.ranked().into_iter().take(self.tried.len() / 4).collect();
-        let rigs: Vec<Rig> = best.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
-        let is_known = self.known.again.len() == best.len();
-        let scores = if is_known { self.known.again.clone() } else { self.scores(&rigs, 1) };
-        for (at, score) in best.into_iter().zip(&scores) {
-            self.tried[at].score = *score;
+    /// Those of the best that were looked at by some of the voxels.
+    fn roughly_best(&self, count: usize) -> Vec<usize> {
+        let ranked = self.ranked().into_iter().take(count);
+        ranked.filter(|at| self.tried[*at].is_rough).collect()
+    }
+
+    /// Looks at trials by all voxels.
+    fn look_again(&mut self, chosen: &[usize]) {
+        let rigs: Vec<Rig> = chosen.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
+        let first = self.found.again.len();
+        let scores = match self.known.again.get(first..first + chosen.len()) {
+            Some(known) => known.to_vec(),
+            None => self.scores(&rigs, 1),
+        };
+        for (at, score) in chosen.iter().zip(&scores) {
+            (self.tried[*at].score, self.tried[*at].is_rough) = (*score, false);
         }
-        self.found.again = scores;
+        self.found.again.extend(scores);
     }
 
     /// Mounts that the model looked at.
@@ -303,6 +325,7 @@ impl<'a> SceneSearch<'a> {
                 values: values.clone(),
                 mounts: self.rigs.mounts(values),
                 score,
+                is_rough: stride > 1,
                 violation_m: self.rigs.violation_m(rig),
             });
         }
@@ -313,12 +336,12 @@ impl<'a> SceneSearch<'a> {
     fn search_locally(
         &mut self,
         limit: usize,
-        round: u64,
+        round: usize,
         progress: &dyn Fn(&Self, &str),
         stop: &AtomicBool,
     ) {
         let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
-        let mut rng = Rng::new(self.plan.seed, round);
+        let mut rng = Rng::new(self.plan.seed, round as u64);
         let first = self.tried.len();
         while self.tried.len() < limit && !stop.load(Ordering::Relaxed) {
             let done = (self.tried.len() - first) as f64 / (limit - first) as f64;
@@ -328,7 +351,7 @@ impl<'a> SceneSearch<'a> {
             let children = CHILDREN.min(limit - self.tried.len());
             let points: Vec<Vec<f64>> =
                 (0..children).map(|_| self.child(&parents, share, &mut rng)).collect();
-            self.look(&points, 1);
+            self.look(&points, SPARSE[round]);
             progress(self, "looking at mounts around the best ones");
         }
     }
@@ -384,16 +407,19 @@ impl<'a> SceneSearch<'a> {
         one.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
     }
 
-    /// Good trials as far from each other as they come, the best first.
+    /// Good trials as far from each other and from what was judged as they come, the best first.
     fn far_apart(&self, count: usize) -> Vec<usize> {
         let ranked = self.ranked();
-        let is_retained = |at: &&usize| self.tried[**at].violation_m == 0.0;
+        let is_good = |at: &&usize| !self.tried[**at].is_rough && self.tried[**at].violation_m == 0.0;
         let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
-        let good: Vec<usize> = ranked.iter().filter(is_retained).take(good).copied().collect();
-        let mut chosen: Vec<usize> = good.first().copied().into_iter().collect();
+        let good: Vec<usize> = ranked.iter().filter(is_good).take(good).copied().collect();
+        let mut chosen: Vec<usize> = Vec::new();
         while chosen.len() < count.min(good.len()) {
             let nearest = |at: &usize| {
-                chosen.iter().map(|other| self.distance(*at, *other)).fold(f64::INFINITY, f64::min)
+                let values = &self.tried[*at].values;
+                let judged = self.exact.iter().map(|exact| self.distance_of(&exact.values, values));
+                let chosen = chosen.iter().map(|other| self.distance(*at, *other));
+                judged.chain(chosen).fold(f64::INFINITY, f64::min)
             };
             // of equals the better one
             let farthest = good
@@ -409,7 +435,8 @@ impl<'a> SceneSearch<'a> {
     fn best_left(&self, count: usize) -> Vec<usize> {
         let is_new = |at: usize| {
             let values = &self.tried[at].values;
-            self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
+            !self.tried[at].is_rough
+                && self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
         };
         self.choose(count, APART, is_new)
     }

@@ -12,7 +12,7 @@ use crate::base::files;
 use crate::base::questions::first_difference;
 use crate::simulate::view::CastView;
 
-const FORMAT: &str = "outrigger-scene-search/1";
+const FORMAT: &str = "outrigger-scene-search/2";
 
 /// Why a state file cannot be used.
 #[derive(Debug, thiserror::Error)]

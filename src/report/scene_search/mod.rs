@@ -69,8 +69,8 @@ pub(crate) struct ModelDocument {
     pub cost: BuildCost,
     /// Exact minus corrected; null for fewer than three exact evaluations.
     pub model_error: Option<ModelError>,
-    /// Voxels that all mounts of the space see for certain.
-    pub settled_voxels: u64,
+    /// Voxels that the best mounts of the spread all see for certain.
+    pub certain_voxels: usize,
 }
 
 /// The coefficients of J.

@@ -7,15 +7,14 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::cells::reachable_voxels;
-use super::fan::FanBeam;
+use super::tiles::{self, Tiles};
 use super::{Fan, Sampling, Scans, Seen, Shades, View, ViewError, ViewSite};
 use crate::base::instructions::Instructions;
 use crate::rig::{Mount, Rig, Unit};
 use crate::simulate::occluder::Occluder;
 use crate::world::coverage::{Counts, Coverage};
-use crate::world::scene::{Mesh, PACKET, RayTile};
 
-/// Beams and columns that are cast together: neighbours on the sphere.
+/// Beams and columns that are cast together in double precision: neighbours on the sphere.
 const TILE: usize = 4;
 /// Bitmaps of all rigs, sensors and threads of a pass, bytes.
 const BITMAP_BYTES: usize = 256 << 20;
@@ -190,7 +189,8 @@ impl CastView {
                 let columns = columns(fan, &sensor.mount, &poses);
                 match self.site.scene.mesh() {
                     Some(mesh) if self.precision == Precision::Single => {
-                        self.mark_rounded(mesh, fan, (&columns, shade), bitmap);
+                        let tiles = Tiles { site: &self.site, mesh, fan, instructions: self.instructions };
+                        tiles.mark(&columns, shade, bitmap);
                     }
                     _ => self.mark_precise(fan, (&columns, shade), bitmap),
                 }
@@ -213,7 +213,7 @@ impl CastView {
         let columns = columns(fan, &rig.sensors[sensor].mount, &in_body);
         let distance_m = |column: usize, number: usize| {
             let beam = fan.beam(column, number);
-            let (axes, origin_m) = &columns[shifted(column, beam.shift, columns.len())];
+            let (axes, origin_m) = &columns[tiles::shifted(column, beam.shift, columns.len())];
             let (from_m, along) = (*origin_m + *axes * beam.origin_m, *axes * beam.direction);
             let met = occluders.iter().filter_map(|occluder| occluder.distance_m(from_m, along));
             met.fold(f64::INFINITY, f64::min) as f32
@@ -222,63 +222,6 @@ impl CastView {
         Some(
             (0..fan.columns).flat_map(of_column).map(|(column, number)| distance_m(column, number)).collect(),
         )
-    }
-
-    fn mark_rounded(
-        &self,
-        mesh: &Mesh,
-        fan: &Fan,
-        (columns, shade): (&[(DMat3, DVec3)], Option<&[f32]>),
-        bitmap: &mut [u64],
-    ) {
-        let centre_m = mesh.centre_m();
-        let rounded = |(axes, origin_m): &(DMat3, DVec3)| RoundedColumn {
-            axes: [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.as_vec3().to_array()),
-            origin_m: (*origin_m - centre_m).as_vec3().to_array(),
-        };
-        let columns: Vec<RoundedColumn> = columns.iter().map(rounded).collect();
-        let beams: Vec<RoundedBeam> = fan.beams.iter().map(RoundedBeam::of).collect();
-        let pattern: Option<Vec<[f32; 3]>> = fan
-            .pattern()
-            .map(|directions| directions.iter().map(|along| along.as_vec3().to_array()).collect());
-        let cells = RoundedGrid::new(&self.site, centre_m);
-        let (min_m, max_m) = (fan.min_range_m as f32, fan.max_range_m as f32);
-        let mut rays = RayTile::EMPTY;
-        let mut offset_m = [0.0_f32; PACKET];
-        let mut free_m = [f32::INFINITY; PACKET];
-        for first in (0..columns.len()).step_by(TILE) {
-            for (chunk, beams) in beams.chunks(TILE).enumerate() {
-                let mut count = 0;
-                for column in first..columns.len().min(first + TILE) {
-                    for (number, beam) in beams.iter().enumerate() {
-                        let at = column * fan.beams.len() + chunk * TILE + number;
-                        let own = pattern.as_ref().map_or(beam.direction, |directions| directions[at]);
-                        free_m[count] = shade.map_or(f32::INFINITY, |free_m| free_m[at]);
-                        beam.place(own, &columns, column, count, &mut rays);
-                        offset_m[count] = beam.range_offset_m;
-                        count += 1;
-                    }
-                }
-                for element in count..PACKET {
-                    for axis in 0..3 {
-                        rays.origin_m[axis][element] = rays.origin_m[axis][0];
-                        rays.direction[axis][element] = rays.direction[axis][0];
-                    }
-                    offset_m[element] = offset_m[0];
-                    free_m[element] = free_m[0];
-                }
-                let distances_m = mesh.cast_tile(&rays, max_m, self.instructions);
-                let indices = cells.indices(&rays, &distances_m);
-                for element in 0..PACKET {
-                    let range_m = distances_m[element] + offset_m[element];
-                    let is_in_range =
-                        range_m >= min_m && range_m <= max_m && distances_m[element] < free_m[element];
-                    if is_in_range && indices[element] != OUTSIDE {
-                        bitmap[indices[element] as usize / 64] |= 1 << (indices[element] % 64);
-                    }
-                }
-            }
-        }
     }
 
     fn mark_precise(
@@ -298,7 +241,7 @@ impl CastView {
                 for column in first..columns.len().min(first + TILE) {
                     for number in numbers {
                         let beam = fan.beam(column, *number);
-                        let (axes, origin_m) = &columns[shifted(column, beam.shift, columns.len())];
+                        let (axes, origin_m) = &columns[tiles::shifted(column, beam.shift, columns.len())];
                         origins_m.push(*origin_m + *axes * beam.origin_m);
                         directions.push(*axes * beam.direction);
                         let free_m =
@@ -369,97 +312,4 @@ fn columns(fan: &Fan, mount: &Mount, poses: &[(DMat3, DVec3)]) -> Vec<(DMat3, DV
         (fan.axes_of_column(&(*axes * body_from_lidar), column), *body_m + *axes * origin_m)
     };
     poses.iter().enumerate().map(column).collect()
-}
-
-/// The column with a beam of this shift that points where an unstaggered one of `column` does.
-fn shifted(column: usize, shift: usize, columns: usize) -> usize {
-    let moved = column + columns - shift;
-    if moved >= columns { moved - columns } else { moved }
-}
-
-/// A column about the mesh's centre.
-struct RoundedColumn {
-    axes: [[f32; 3]; 3],
-    origin_m: [f32; 3],
-}
-
-struct RoundedBeam {
-    direction: [f32; 3],
-    origin_m: [f32; 3],
-    range_offset_m: f32,
-    shift: usize,
-}
-
-impl RoundedBeam {
-    fn of(beam: &FanBeam) -> Self {
-        Self {
-            direction: beam.direction.as_vec3().to_array(),
-            origin_m: beam.origin_m.as_vec3().to_array(),
-            range_offset_m: beam.range_offset_m as f32,
-            shift: beam.shift,
-        }
-    }
-
-    #[inline(always)]
-    fn place(
-        &self,
-        own: [f32; 3],
-        columns: &[RoundedColumn],
-        column: usize,
-        element: usize,
-        rays: &mut RayTile,
-    ) {
-        let RoundedColumn { axes, origin_m } = &columns[shifted(column, self.shift, columns.len())];
-        for axis in 0..3 {
-            let along = |v: [f32; 3]| axes[0][axis] * v[0] + axes[1][axis] * v[1] + axes[2][axis] * v[2];
-            rays.direction[axis][element] = along(own);
-            rays.origin_m[axis][element] = origin_m[axis] + along(self.origin_m);
-        }
-    }
-}
-
-/// No voxel of the grid.
-const OUTSIDE: u32 = u32::MAX;
-
-/// The grid about the mesh's centre.
-struct RoundedGrid {
-    origin_m: [f32; 3],
-    per_m: f32,
-    cells: [f32; 3],
-    stride: [u32; 3],
-}
-
-impl RoundedGrid {
-    fn new(site: &ViewSite, centre_m: DVec3) -> Self {
-        let grid = &site.grid;
-        let [nx, ny, _] = grid.cells;
-        Self {
-            origin_m: (grid.origin_m - centre_m).as_vec3().to_array(),
-            per_m: (1.0 / grid.voxel_m) as f32,
-            cells: grid.cells.map(|count| count as f32),
-            stride: [1, nx as u32, (nx * ny) as u32],
-        }
-    }
-
-    /// Voxels around the points that rays meet.
-    #[inline(always)]
-    fn indices(&self, rays: &RayTile, distances_m: &[f32; PACKET]) -> [u32; PACKET] {
-        let mut indices = [0_u32; PACKET];
-        let mut inside = [true; PACKET];
-        for axis in 0..3 {
-            for element in 0..PACKET {
-                let at_m =
-                    rays.origin_m[axis][element] + distances_m[element] * rays.direction[axis][element];
-                let cell = (at_m - self.origin_m[axis]) * self.per_m;
-                inside[element] &= (cell >= 0.0) & (cell < self.cells[axis]);
-                // of what is not negative the whole part is the floor
-                indices[element] =
-                    indices[element].wrapping_add((cell as u32).wrapping_mul(self.stride[axis]));
-            }
-        }
-        for element in 0..PACKET {
-            indices[element] = if inside[element] { indices[element] } else { OUTSIDE };
-        }
-        indices
-    }
 }

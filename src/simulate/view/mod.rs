@@ -8,6 +8,7 @@ mod cells;
 mod fan;
 mod scans;
 mod sphere;
+mod tiles;
 
 pub use cast::{CastView, Precision};
 pub use cells::{BuildCost, CellView, Fineness};

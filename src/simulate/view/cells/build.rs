@@ -1,8 +1,12 @@
 //! Casting the views of a site, as finely as its voxels and ranges ask for.
 
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::numbering::Numbering;
 use super::records::{Block, Layer, Record, WIDTH};
 use super::{BuildCost, Fineness};
 use crate::simulate::view::sphere::SphereMap;
@@ -42,28 +46,23 @@ pub(super) fn build(
     let plan = Plan::new(site, scans, fineness, &heights_m, max_range_m)?;
     let map = SphereMap::new(plan.step_rad);
     let places: Vec<(DMat3, DVec3)> = plan.places(site, scans);
-    let mut by_height: Vec<Vec<Record>> = Vec::new();
-    for height_m in &heights_m {
-        let eye_m = DVec3::Z * *height_m;
-        let views: Vec<Vec<Record>> =
-            places.par_iter().map(|place| view(site, &map, place, eye_m, max_range_m)).collect();
-        by_height.push(views.concat());
-    }
-    let mut list: Vec<u32> = Vec::new();
-    for records in &by_height {
-        list.extend(records.iter().map(|record| record.cell));
-        list.sort_unstable();
-        list.dedup();
-    }
-    if list.is_empty() {
+    // by height, then by place
+    let views: Vec<Vec<Record>> = (0..heights_m.len() * places.len())
+        .into_par_iter()
+        .map(|at| {
+            let eye_m = DVec3::Z * heights_m[at / places.len()];
+            view(site, &map, &places[at % places.len()], eye_m, max_range_m)
+        })
+        .collect();
+    let numbering = Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell));
+    if numbering.count() == 0 {
         return Err(nothing_visible(site));
     }
-    let number = |mut record: Record| {
-        record.cell = list.binary_search(&record.cell).unwrap_or(0) as u32;
-        record
+    let pack = |views: &[Vec<Record>]| {
+        let number = |record: &Record| Record { cell: numbering.of(record.cell), ..*record };
+        Layer::pack(views.iter().flatten().map(number), numbering.count())
     };
-    let pack = |records: Vec<Record>| Layer::pack(records.into_iter().map(number).collect(), list.len());
-    let layers: Vec<Layer> = by_height.into_par_iter().map(pack).collect();
+    let layers: Vec<Layer> = views.par_chunks(places.len()).map(pack).collect();
     let bytes = layers.iter().map(Layer::bytes).sum();
     let cost = BuildCost {
         views: places.len() as u64,
@@ -74,7 +73,7 @@ pub(super) fn build(
         is_bound_by_memory: plan.is_bound_by_memory,
         is_bound_by_rays: plan.is_bound_by_rays,
     };
-    Ok(Built { voxels: list.len(), layers, heights_m, cost })
+    Ok(Built { voxels: numbering.count(), layers, heights_m, cost })
 }
 
 fn nothing_visible(site: &ViewSite) -> ViewError {
@@ -145,8 +144,9 @@ fn view(
     eye_m: DVec3,
     max_range_m: f64,
 ) -> Vec<Record> {
-    let mut hits: Vec<(u32, u32)> = Vec::new();
-    let mut points: Vec<([f32; 3], f32)> = Vec::new();
+    let mut patches: Vec<Patch> = Vec::new();
+    let mut of_cell: HashMap<u32, u32, BuildHasherDefault<CellHasher>> = HashMap::default();
+    let mut last = (u32::MAX, 0_u32);
     let is_free = |from_eye_m: DVec3| {
         let range_m = from_eye_m.length();
         let stopped_m =
@@ -157,27 +157,54 @@ fn view(
         if !is_free(hit.from_eye_m) {
             return;
         }
-        if let Some(cell) = site.grid.index(hit.point_m) {
-            hits.push((cell as u32, points.len() as u32));
-            points.push((hit.from_eye_m.as_vec3().to_array(), hit.solid_angle_sr as f32));
+        let Some(cell) = site.grid.index(hit.point_m) else { return };
+        // neighbouring pixels see one voxel
+        if last.0 != cell as u32 {
+            let number = *of_cell.entry(cell as u32).or_insert(patches.len() as u32);
+            last = (cell as u32, number);
+            if number as usize == patches.len() {
+                patches.push(Patch { cell: cell as u32, sum_m: DVec3::ZERO, solid_sr: 0.0 });
+            }
         }
+        let patch = &mut patches[last.1 as usize];
+        patch.sum_m += hit.solid_angle_sr * hit.from_eye_m;
+        patch.solid_sr += hit.solid_angle_sr;
     });
-    hits.sort_unstable();
-    let record = |own: &[(u32, u32)]| {
-        let (mut sum_m, mut solid_sr) = (DVec3::ZERO, 0.0_f64);
-        for (_, point) in own {
-            let (at_m, solid) = points[*point as usize];
-            sum_m += f64::from(solid) * DVec3::from(at_m.map(f64::from));
-            solid_sr += f64::from(solid);
-        }
-        let from_eye_m = sum_m / solid_sr;
+    let record = |patch: &Patch| {
+        let from_eye_m = patch.sum_m / patch.solid_sr;
         Record {
-            cell: own[0].0,
+            cell: patch.cell,
             at_m: (eye_m + from_eye_m).as_vec3().to_array(),
-            width_m: (solid_sr.sqrt() * from_eye_m.length()) as f32,
+            width_m: (patch.solid_sr.sqrt() * from_eye_m.length()) as f32,
         }
     };
-    hits.chunk_by(|a, b| a.0 == b.0).map(record).collect()
+    patches.iter().map(record).collect()
+}
+
+/// What a view sees of a voxel.
+struct Patch {
+    cell: u32,
+    /// From the eye, weighted by the solid angle of each ray, m.
+    sum_m: DVec3,
+    solid_sr: f64,
+}
+
+/// Numbers of voxels are hashed by one product (Knuth, The Art of Computer Programming 3, 6.4).
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u32(u32::from(*byte)));
+    }
+
+    fn write_u32(&mut self, cell: u32) {
+        self.0 = (self.0 ^ u64::from(cell)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(32);
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
 }
 
 /// Voxels that could be seen from the trajectory by a sensor at the body's origin.
@@ -186,16 +213,8 @@ pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan]
     let fineness = Fineness::between((0.0, 0.0));
     let Ok(plan) = Plan::new(site, scans, &fineness, &[0.0], max_range_m) else { return 0 };
     let map = SphereMap::new(plan.step_rad);
-    let views: Vec<Vec<u32>> = plan
-        .places(site, scans)
-        .par_iter()
-        .map(|place| {
-            let records = view(site, &map, place, DVec3::ZERO, max_range_m);
-            records.iter().map(|record| record.cell).collect()
-        })
-        .collect();
-    let mut all = views.concat();
-    all.sort_unstable();
-    all.dedup();
-    all.len() as u64
+    let places = plan.places(site, scans);
+    let views: Vec<Vec<Record>> =
+        places.par_iter().map(|place| view(site, &map, place, DVec3::ZERO, max_range_m)).collect();
+    Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell)).count() as u64
 }

@@ -1,12 +1,11 @@
 //! What an eye sees of a voxel, by its records. Every operation is one IEEE operation in a fixed order, nothing fused: the
 //! same bits with any instruction set.
-#![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 
 use glam::DVec3;
 
 use super::Fan;
 use super::records::{Block, Layer, WIDTH};
-use crate::base::instructions::{Instructions, Level};
+use crate::base::instructions::Kernel;
 
 /// A voxel that remains unseen with this chance is seen for certain.
 const CERTAIN: f32 = 1e-3;
@@ -118,54 +117,94 @@ impl Sums {
     }
 }
 
-/// What each rig sees of some voxels.
-pub(super) fn sum(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
-    match Instructions::best().level() {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: the level exists only where the processor has these instructions
-        Level::Avx512 => unsafe { sum_avx512(layers, voxels, rigs) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: the level exists only where the processor has these instructions
-        Level::Avx2 => unsafe { sum_avx2(layers, voxels, rigs) },
-        _ => sum_anywhere(layers, voxels, rigs),
-    }
+/// Some voxels and the eyes of each rig that look at them.
+#[derive(Clone, Copy)]
+pub(super) struct Looking<'a> {
+    pub layers: &'a [Layer],
+    pub voxels: &'a [u32],
+    pub rigs: &'a [Vec<Eye<'a>>],
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-fn sum_avx512(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
-    sum_anywhere(layers, voxels, rigs)
-}
+/// What each rig sees of them.
+pub(super) struct Counting<'a>(pub Looking<'a>);
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn sum_avx2(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
-    sum_anywhere(layers, voxels, rigs)
-}
+/// How many of them each rig sees: the first sensor that sees a voxel for certain ends the search through it.
+pub(super) struct CountingUnion<'a>(pub Looking<'a>);
 
-#[inline(always)]
-fn sum_anywhere(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
-    let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
-    for voxel in voxels {
-        for (eyes, sums) in rigs.iter().zip(&mut sums) {
-            // chance that no sensor sees it, and that exactly one does
-            let (mut none, mut one) = (1.0_f64, 0.0_f64);
-            for (sensor, eye) in eyes.iter().enumerate() {
-                let unseen = f64::from(unseen(layers, *voxel as usize, eye));
-                one = one * unseen + none * (1.0 - unseen);
-                none *= unseen;
-                sums.per_sensor[sensor] += 1.0 - unseen;
+/// Those of them that some rig may miss.
+pub(super) struct Uncertain<'a>(pub Looking<'a>);
+
+impl Kernel for Counting<'_> {
+    type Output = Vec<Sums>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<Sums> {
+        let Self(Looking { layers, voxels, rigs }) = self;
+        let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
+        for voxel in voxels {
+            for (eyes, sums) in rigs.iter().zip(&mut sums) {
+                // chance that no sensor sees it, and that exactly one does
+                let (mut none, mut one) = (1.0_f64, 0.0_f64);
+                for (sensor, eye) in eyes.iter().enumerate() {
+                    let unseen = f64::from(unseen(layers, *voxel as usize, eye));
+                    one = one * unseen + none * (1.0 - unseen);
+                    none *= unseen;
+                    sums.per_sensor[sensor] += 1.0 - unseen;
+                }
+                sums.union += 1.0 - none;
+                sums.overlap += 1.0 - none - one;
             }
-            sums.union += 1.0 - none;
-            sums.overlap += 1.0 - none - one;
         }
+        sums
     }
-    sums
 }
 
-/// Whether an eye sees a voxel for certain.
-pub(super) fn is_certain(layers: &[Layer], voxel: usize, eye: &Eye<'_>) -> bool {
-    unseen(layers, voxel, eye) <= CERTAIN
+impl Kernel for CountingUnion<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f64> {
+        let Self(Looking { layers, voxels, rigs }) = self;
+        let mut sums = vec![0.0; rigs.len()];
+        for voxel in voxels {
+            for (eyes, sum) in rigs.iter().zip(&mut sums) {
+                let mut none = 1.0_f64;
+                for eye in eyes {
+                    none *= f64::from(unseen(layers, *voxel as usize, eye));
+                    if none == 0.0 {
+                        break;
+                    }
+                }
+                *sum += 1.0 - none;
+            }
+        }
+        sums
+    }
+}
+
+impl Kernel for Uncertain<'_> {
+    type Output = Vec<u32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u32> {
+        let Self(Looking { layers, voxels, rigs }) = self;
+        let mut uncertain = Vec::new();
+        for voxel in voxels {
+            let mut is_seen_by_all = true;
+            for eyes in rigs {
+                let mut is_seen = false;
+                for eye in eyes {
+                    is_seen = is_seen || unseen(layers, *voxel as usize, eye) == 0.0;
+                }
+                is_seen_by_all = is_seen_by_all && is_seen;
+                if !is_seen_by_all {
+                    uncertain.push(*voxel);
+                    break;
+                }
+            }
+        }
+        uncertain
+    }
 }
 
 /// Chance that an eye does not see a voxel.

@@ -8,6 +8,7 @@
 
 mod build;
 mod kernel;
+mod numbering;
 mod records;
 
 use glam::{DMat3, DVec3};
@@ -16,14 +17,17 @@ use rayon::prelude::*;
 pub(super) use build::reachable_voxels;
 
 use super::{Fan, Sampling, Scans, Seen, View, ViewError, ViewSite};
+use crate::base::instructions::Instructions;
 use crate::rig::{Rig, Unit};
-use kernel::{Eye, Rows, Sums};
+use kernel::{Counting, CountingUnion, Eye, Looking, Rows, Sums, Uncertain};
 use records::Layer;
 
 /// Voxels that a thread takes at once; sums are added in their order.
 const CHUNK: usize = 1024;
 /// Candidates of a pass over the voxels, which costs memory traffic: more of them, more is shared.
 const BATCH: usize = 16;
+/// A search counts what each sensor sees by every so many voxels: J hardly depends on it.
+const OVERLAP_STRIDE: usize = 32;
 
 /// Resolution at which a site is stored.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -61,10 +65,8 @@ pub struct CellView {
     heights_m: Vec<f64>,
     layers: Vec<Layer>,
     voxels: usize,
-    /// Those that are not the same for every rig of the search.
-    active: Vec<u32>,
-    /// Voxels that every sensor of every rig sees for certain.
-    settled: u64,
+    /// Voxels that some good rig of the search may miss.
+    open: Vec<u32>,
     cost: BuildCost,
 }
 
@@ -120,10 +122,9 @@ impl CellView {
         Ok(Self {
             units: fans.into_iter().zip(&scans).map(unit).collect(),
             heights_m: built.heights_m,
-            active: (0..built.voxels as u32).collect(),
+            open: (0..built.voxels as u32).collect(),
             voxels: built.voxels,
             layers: built.layers,
-            settled: 0,
             cost: built.cost,
         })
     }
@@ -133,37 +134,61 @@ impl CellView {
         self.cost
     }
 
-    /// Voxels that are seen for certain, whatever the rig.
-    pub(crate) fn settled_voxels(&self) -> u64 {
-        self.settled
+    /// Voxels that `see_roughly` takes to be seen.
+    pub(crate) fn certain_voxels(&self) -> usize {
+        self.voxels - self.open.len()
     }
 
-    /// What each of these rigs sees, by every `stride`-th of the voxels that are not settled: expectations of the same counts,
-    /// in a share of the time.
+    /// What each of these rigs of a search sees, by every `stride`-th of the voxels that one of its rigs may miss, and by few
+    /// voxels what each sensor does: expectations of the same counts, in a share of the time.
+    pub(crate) fn see_roughly(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
+        let open: Vec<u32> = self.open.iter().step_by(stride).copied().collect();
+        let scale = self.open.len() as f64 / open.len().max(1) as f64;
+        let certain = self.certain_voxels() as f64;
+        rigs.chunks(BATCH)
+            .flat_map(|rigs| {
+                let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
+                let chunks: Vec<Vec<f64>> =
+                    self.by_chunk(&open, &eyes, |looking| Instructions::best().run(CountingUnion(looking)));
+                let mut rough = self.see_sparsely(rigs, OVERLAP_STRIDE);
+                for (rig, seen) in rough.iter_mut().enumerate() {
+                    let union = certain + scale * chunks.iter().map(|chunk| chunk[rig]).sum::<f64>();
+                    seen.overlap *= union / seen.union.max(1.0);
+                    seen.union = union;
+                }
+                rough
+            })
+            .collect()
+    }
+
+    /// What each of these rigs sees, by every `stride`-th voxel.
     pub(crate) fn see_sparsely(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
-        let chosen: Vec<u32> = self.active.iter().step_by(stride).copied().collect();
-        let scale = self.active.len() as f64 / chosen.len().max(1) as f64;
+        let chosen: Vec<u32> = (0..self.voxels as u32).step_by(stride).collect();
+        let scale = self.voxels as f64 / chosen.len().max(1) as f64;
         rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs, &chosen, scale)).collect()
     }
 
-    /// Takes the voxels that each sensor of these rigs sees for certain out of every later sum. Good for rigs of the same
-    /// search space only: give it rigs spread over that.
-    pub fn settle(&mut self, rigs: &[Rig]) {
+    /// From now on `see_roughly` takes to be seen what each of these rigs sees for certain: give it the best ones of a search.
+    pub(crate) fn focus(&mut self, rigs: &[Rig]) {
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
-        let is_certain = |voxel: &u32| {
-            eyes.iter().flatten().all(|eye| kernel::is_certain(&self.layers, *voxel as usize, eye))
-        };
-        let certain: Vec<bool> = self.active.par_iter().map(is_certain).collect();
-        let mut certain = certain.into_iter();
-        let before = self.active.len();
-        self.active.retain(|_| !certain.next().unwrap_or(false));
-        self.settled += (before - self.active.len()) as u64;
+        let all: Vec<u32> = (0..self.voxels as u32).collect();
+        let open = self.by_chunk(&all, &eyes, |looking| Instructions::best().run(Uncertain(looking)));
+        self.open = open.concat();
     }
 
-    /// Counts every voxel again: for another search space.
-    pub(crate) fn unsettle(&mut self) {
-        self.active = (0..self.voxels as u32).collect();
-        self.settled = 0;
+    /// Looks at every voxel again: for another search.
+    pub(crate) fn unfocus(&mut self) {
+        self.open = (0..self.voxels as u32).collect();
+    }
+
+    fn by_chunk<T: Send>(
+        &self,
+        voxels: &[u32],
+        rigs: &[Vec<Eye<'_>>],
+        run: impl Fn(Looking<'_>) -> T + Sync,
+    ) -> Vec<T> {
+        let layers = &self.layers[..];
+        voxels.par_chunks(CHUNK).map(|voxels| run(Looking { layers, voxels, rigs })).collect()
     }
 
     fn eyes(&self, rig: &Rig) -> Vec<Eye<'_>> {
@@ -201,7 +226,7 @@ impl View for CellView {
     }
 
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
-        rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs, &self.active, 1.0)).collect()
+        self.see_sparsely(rigs, 1)
     }
 }
 
@@ -210,17 +235,16 @@ impl CellView {
     fn see_batch(&self, rigs: &[Rig], voxels: &[u32], scale: f64) -> Vec<Seen> {
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
         let chunks: Vec<Vec<Sums>> =
-            voxels.par_chunks(CHUNK).map(|voxels| kernel::sum(&self.layers, voxels, &eyes)).collect();
+            self.by_chunk(voxels, &eyes, |looking| Instructions::best().run(Counting(looking)));
         let seen = |(rig, eyes): (usize, &Vec<Eye<'_>>)| {
             let mut all = Sums::nothing(eyes.len());
             for chunk in &chunks {
                 all.add(&chunk[rig]);
             }
-            let settled = self.settled as f64;
             Seen {
-                per_sensor: all.per_sensor.iter().map(|count| scale * count + settled).collect(),
-                union: scale * all.union + if eyes.is_empty() { 0.0 } else { settled },
-                overlap: scale * all.overlap + if eyes.len() > 1 { settled } else { 0.0 },
+                per_sensor: all.per_sensor.iter().map(|count| scale * count).collect(),
+                union: scale * all.union,
+                overlap: scale * all.overlap,
                 sd_voxels: None,
                 rays: 0,
             }

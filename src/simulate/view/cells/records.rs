@@ -42,18 +42,18 @@ pub(super) struct Layer {
 
 impl Layer {
     /// Packs records with voxels numbered in a list of `voxels`; the widest first, so that most searches end with them.
-    pub(crate) fn pack(mut records: Vec<Record>, voxels: usize) -> Self {
-        let max = |value: fn(&Record) -> f32| records.iter().map(value).fold(1e-3_f32, f32::max);
+    pub(crate) fn pack(records: impl Iterator<Item = Record> + Clone, voxels: usize) -> Self {
+        let max = |value: fn(Record) -> f32| records.clone().map(value).fold(1e-3_f32, f32::max);
         let reach_m = max(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
         let step_m = reach_m / f32::from(i16::MAX);
         let width_step_m = max(|record| record.width_m) / f32::from(u16::MAX);
-        records.sort_by(|a, b| a.cell.cmp(&b.cell).then(b.width_m.total_cmp(&a.width_m)));
+        let by_voxel = by_voxel(records, voxels);
         let mut layer =
             Self { starts: Vec::with_capacity(voxels + 1), blocks: Vec::new(), step_m, width_step_m };
-        let mut rest = records.as_slice();
+        let mut rest = by_voxel.as_slice();
         for voxel in 0..voxels as u32 {
             layer.starts.push(layer.blocks.len() as u32);
-            let count = rest.partition_point(|record| record.cell <= voxel);
+            let count = rest.iter().take_while(|record| record.cell == voxel).count();
             let (own, others) = rest.split_at(count);
             rest = others;
             for records in own.chunks(WIDTH) {
@@ -74,4 +74,22 @@ impl Layer {
     pub(crate) fn bytes(&self) -> usize {
         std::mem::size_of_val(&self.blocks[..]) + std::mem::size_of_val(&self.starts[..])
     }
+}
+
+/// Records by voxel, and of each voxel the widest first.
+fn by_voxel(records: impl Iterator<Item = Record> + Clone, voxels: usize) -> Vec<Record> {
+    let mut ends = vec![0_usize; voxels + 1];
+    records.clone().for_each(|record| ends[record.cell as usize + 1] += 1);
+    (0..voxels).for_each(|voxel| ends[voxel + 1] += ends[voxel]);
+    let empty = Record { cell: 0, at_m: [0.0; 3], width_m: 0.0 };
+    let mut sorted = vec![empty; ends[voxels]];
+    // where the next record of each voxel goes: in the end, where the next voxel begins
+    for record in records {
+        let end = &mut ends[record.cell as usize];
+        sorted[*end] = record;
+        *end += 1;
+    }
+    let same_voxel = |a: &Record, b: &Record| a.cell == b.cell;
+    sorted.chunk_by_mut(same_voxel).for_each(|own| own.sort_by(|a, b| b.width_m.total_cmp(&a.width_m)));
+    sorted
 }

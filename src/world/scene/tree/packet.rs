@@ -34,9 +34,8 @@ pub(super) struct Packet<const N: usize> {
 /// What holds for all rays of a packet.
 #[derive(Clone, Copy)]
 struct Hull {
-    /// Where a box's near planes stand among its six, by axis, and its far ones.
-    near_plane: [usize; 3],
-    far_plane: [usize; 3],
+    /// Whether a box's near planes are its minimum ones, by axis.
+    is_forward: [bool; 3],
     /// Some axis has rays to both sides.
     is_mixed: bool,
     /// Origin of one of the rays.
@@ -60,8 +59,7 @@ impl<const N: usize> Packet<N> {
             won: [NONE; N],
             farthest: f32::INFINITY,
             hull: Hull {
-                near_plane: [0; 3],
-                far_plane: [0; 3],
+                is_forward: [true; 3],
                 is_mixed: false,
                 origin: [0.0; 3],
                 inverse: [[0.0; 2]; 3],
@@ -124,8 +122,7 @@ impl<const N: usize> Packet<N> {
         let start = self.origin[axis][0];
         hull.origin[axis] = start;
         let is_forward = negative == 0;
-        (hull.near_plane[axis], hull.far_plane[axis]) =
-            if is_forward { (axis, axis + 3) } else { (axis + 3, axis) };
+        hull.is_forward[axis] = is_forward;
         if !is_forward && negative != N as u32 {
             hull.is_mixed = true;
             hull.inverse[axis] = [0.0; 2];
@@ -153,8 +150,8 @@ impl<const N: usize> Packet<N> {
         let mut near = [0.0_f32; WIDTH];
         let mut far = [self.farthest; WIDTH];
         for axis in 0..3 {
-            let nears = &node.planes[hull.near_plane[axis]];
-            let fars = &node.planes[hull.far_plane[axis]];
+            let (lows, highs) = (&node.planes[axis], &node.planes[axis + 3]);
+            let (nears, fars) = if hull.is_forward[axis] { (lows, highs) } else { (highs, lows) };
             let [low, high] = hull.inverse[axis];
             for side in 0..WIDTH {
                 let near_inverse = nears[side] - hull.origin[axis];
@@ -165,13 +162,12 @@ impl<const N: usize> Packet<N> {
                 far[side] = min(leave, far[side]);
             }
         }
-        let mut met = 0;
+        let mut is_met = [false; WIDTH];
         for side in 0..WIDTH {
             // a missing child's planes are NaN
-            let is_met = (near[side] <= far[side]) & (node.planes[0][side] <= node.planes[3][side]);
-            met |= u32::from(is_met) << side;
+            is_met[side] = (near[side] <= far[side]) & (node.planes[0][side] <= node.planes[3][side]);
         }
-        (near, met)
+        (near, bits(is_met))
     }
 
     /// The rays that meet the box of a child before their nearest triangle, a bit each.
@@ -186,24 +182,27 @@ impl<const N: usize> Packet<N> {
 
     #[inline(always)]
     fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> u32 {
-        let nears = self.hull.near_plane.map(|plane| node.planes[plane][side]);
-        let fars = self.hull.far_plane.map(|plane| node.planes[plane][side]);
-        let mut met = 0;
-        for element in 0..N {
+        let hull = &self.hull;
+        let planes: [[f32; 2]; 3] = std::array::from_fn(|axis| {
+            let (low, high) = (node.planes[axis][side], node.planes[axis + 3][side]);
+            if hull.is_forward[axis] { [low, high] } else { [high, low] }
+        });
+        let mut is_met = [false; N];
+        for (element, is_met) in is_met.iter_mut().enumerate() {
             let mut near = 0.0_f32;
             let mut far = self.nearest[element];
-            for axis in 0..3 {
+            for (axis, [near_plane, far_plane]) in planes.into_iter().enumerate() {
                 let inverse = self.inverse[axis][element];
-                let (mut enter, mut leave) = (nears[axis] * inverse, fars[axis] * inverse);
+                let (mut enter, mut leave) = (near_plane * inverse, far_plane * inverse);
                 if MIXED {
                     (enter, leave) = (min(enter, leave), max(enter, leave));
                 }
                 near = max(near, enter - self.near_offset[axis][element]);
                 far = min(far, leave - self.far_offset[axis][element]);
             }
-            met |= u32::from(near <= far) << element;
+            *is_met = near <= far;
         }
-        met
+        bits(is_met)
     }
 
     /// Möller and Trumbore, doi:10.1080/10867651.1997.10487468, two-sided, with edges a few roundings wider. Only for
@@ -268,6 +267,21 @@ impl Packet<PACKET> {
             |element| if self.won[element] == NONE { f32::INFINITY } else { self.nearest[element] },
         )
     }
+}
+
+/// A bit for each element, the first lowest: eight bytes of 0 and 1 by one product.
+#[inline(always)]
+fn bits<const N: usize>(is_set: [bool; N]) -> u32 {
+    let (eights, rest) = is_set.as_chunks::<8>();
+    let mut all = 0;
+    for (place, eight) in eights.iter().enumerate() {
+        let product = u64::from_le_bytes(eight.map(u8::from)).wrapping_mul(0x0102_0408_1020_4080);
+        all |= ((product >> 56) as u32) << (8 * place);
+    }
+    for (place, is_set) in rest.iter().enumerate() {
+        all |= u32::from(*is_set) << (N - rest.len() + place);
+    }
+    all
 }
 
 /// One value for all elements, by halves: few steps that wait for one another.

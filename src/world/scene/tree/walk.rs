@@ -1,6 +1,8 @@
 //! The walk, near boxes first, compiled once for each instruction set.
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 
+use std::mem::MaybeUninit;
+
 use super::build::{Corner, DEEPEST, Node, WIDTH};
 use super::packet::Packet;
 use crate::base::instructions::{Instructions, Level};
@@ -89,11 +91,15 @@ fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
     triangles: &mut M,
 ) {
     packet.prepare(reach_m);
-    let mut stack = [Open { enter: 0.0, first: 0, count: 0, rays: u32::MAX }; STACK];
+    // setting all of it up takes as long as a few nodes
+    let mut stack = [const { MaybeUninit::<Open>::uninit() }; STACK];
+    stack[0].write(Open { enter: 0.0, first: 0, count: 0, rays: u32::MAX });
+    // SAFETY: everything below `height` was written
+    let get = |stack: &[MaybeUninit<Open>; STACK], at: usize| unsafe { stack[at].assume_init() };
     let mut height = 1;
     while height > 0 {
         height -= 1;
-        let open = stack[height];
+        let open = get(&stack, height);
         if open.enter > packet.farthest {
             continue;
         }
@@ -124,11 +130,11 @@ fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
             fetch(nodes, corners, &child);
             // the nearest on top
             let mut at = height;
-            while at > bottom && stack[at - 1].enter < enter {
+            while at > bottom && get(&stack, at - 1).enter < enter {
                 stack[at] = stack[at - 1];
                 at -= 1;
             }
-            stack[at] = child;
+            stack[at].write(child);
             height += 1;
         }
     }
