@@ -8,7 +8,7 @@ use super::{escape, number};
 /// Longer side of a plan's cells, px.
 const SIDE_PX: f64 = 560.0;
 /// Room for labels left of the cells, below them, and at the other two sides, px.
-const MARGINS_PX: [f64; 3] = [54.0, 62.0, 12.0];
+const MARGINS_PX: [f64; 3] = [54.0, 78.0, 12.0];
 /// Ticks along the longer side.
 const TICKS: f64 = 6.0;
 /// Colours of single sensors, as in the 3-D view.
@@ -89,12 +89,12 @@ impl Plan {
             marks,
             "<path class=\"tick\" d=\"M{left:.1} {:.1}v8M{left:.1} {bar_y:.1}h{bar_px:.1}m0 -4v8\"/>\
              <text x=\"{:.1}\" y=\"{:.1}\">{} m</text>\
-             <text x=\"{right:.1}\" y=\"{:.1}\" text-anchor=\"end\">{} across, {} up, m</text>",
+             <text x=\"{left:.1}\" y=\"{:.1}\">{} across, {} up, m</text>",
             bar_y - 4.0,
             left + bar_px + 6.0,
             bar_y + 4.0,
             number(bar_m, decimals(bar_m)),
-            bar_y + 4.0,
+            bar_y + 24.0,
             self.across.name,
             self.up.name
         );
