@@ -22,14 +22,13 @@ pub(crate) use points::{Placement, World};
 const CACHE_BYTES: usize = 192 << 20;
 /// Of these, what the pass for the index may fill: the beginning of the recording.
 const FIRST_BYTES: usize = 48 << 20;
-/// How long the pass for the index waits behind the first revolution until the page has it: two cores draw it sooner than one.
-const FIRST_PICTURE: Duration = Duration::from_millis(700);
+/// How long the pass for the index waits behind the first revolution until the page has it, and by which request for the index it
+/// shows: the command asks for it once, the page first of all and again when it has drawn.
+const FIRST_PICTURE: (Duration, usize) = (Duration::from_millis(700), 3);
 /// How far ahead of the wanted revolution is decoded.
 const AHEAD_NS: u64 = 2_000_000_000;
 /// A revolution that lies farther ahead is reached by reading again, without decoding what lies between.
 const FAR_PACKETS: u64 = 4000;
-/// The command asks for the index once, the page first of all and again when it has drawn.
-const ASKED_AFTER_PICTURE: usize = 3;
 /// Longest wait for a revolution.
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -277,8 +276,8 @@ impl Player {
         }
         self.changed.notify_all();
         if (at, number) == (0, 0) {
-            let is_awaited = |state: &mut State| state.asked < ASKED_AFTER_PICTURE && !state.is_stopped;
-            drop(self.changed.wait_timeout_while(self.state(), FIRST_PICTURE, is_awaited));
+            let is_awaited = |state: &mut State| state.asked < FIRST_PICTURE.1 && !state.is_stopped;
+            drop(self.changed.wait_timeout_while(self.state(), FIRST_PICTURE.0, is_awaited));
         }
     }
 
