@@ -28,6 +28,8 @@ const CHUNK: usize = 1024;
 const BATCH: usize = 16;
 /// A search counts what each sensor sees by every so many voxels: J hardly depends on it.
 const OVERLAP_STRIDE: usize = 32;
+/// Never fewer voxels than this, where there are so many.
+const ENOUGH: usize = 1024;
 
 /// Resolution at which a site is stored.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -142,6 +144,9 @@ impl CellView {
     /// What each of these rigs of a search sees, by every `stride`-th of the voxels that one of its rigs may miss, and by few
     /// voxels what each sensor does: expectations of the same counts, in a share of the time.
     pub(crate) fn see_roughly(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
+        let at_most = |stride: usize, voxels: usize| stride.min(voxels / ENOUGH).max(1);
+        let overlap_stride = at_most(OVERLAP_STRIDE, self.voxels);
+        let stride = at_most(stride, self.open.len());
         let open: Vec<u32> = self.open.iter().step_by(stride).copied().collect();
         let scale = self.open.len() as f64 / open.len().max(1) as f64;
         let certain = self.certain_voxels() as f64;
@@ -150,7 +155,7 @@ impl CellView {
                 let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
                 let chunks: Vec<Vec<f64>> =
                     self.by_chunk(&open, &eyes, |looking| Instructions::best().run(CountingUnion(looking)));
-                let mut rough = self.see_sparsely(rigs, OVERLAP_STRIDE);
+                let mut rough = self.see_sparsely(rigs, overlap_stride);
                 for (rig, seen) in rough.iter_mut().enumerate() {
                     let union = certain + scale * chunks.iter().map(|chunk| chunk[rig]).sum::<f64>();
                     seen.overlap *= union / seen.union.max(1.0);
