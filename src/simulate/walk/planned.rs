@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_walks_on_the_roof() {
+    fn a_walk_stays_below_the_roof() {
         // the roof has no cupboards on it, so more of it is free than of the floor
         let boxes_m = [
             [DVec3::ZERO, DVec3::new(10.0, 6.0, 3.0)],
