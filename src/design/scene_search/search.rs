@@ -51,8 +51,8 @@ impl Plan {
     pub(crate) fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
         let (early, correcting, finalists) = match rays_of_exact {
             rays if rays < CHEAP_RAYS => (0, 16, 18),
-            rays if rays < DEAR_RAYS => (4, 8, 7),
-            _ => (2, 4, 4),
+            rays if rays < DEAR_RAYS => (4, 12, 10),
+            _ => (2, 6, 6),
         };
         Self {
             seed,
