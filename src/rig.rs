@@ -24,7 +24,7 @@ pub(crate) use description::describe;
 pub(crate) use drawing::draw;
 pub(crate) use extrinsics::Extrinsics;
 pub use found_with::{FoundWith, Path, Phase};
-pub(crate) use frames::{BASE, FramedSensor, NamedFrame, framed};
+pub(crate) use frames::{BASE, FramedSensor, NamedFrame, framed, rings};
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,

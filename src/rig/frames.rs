@@ -54,6 +54,11 @@ pub(super) fn is_velodyne(model: &SensorModel) -> bool {
     Product::from_name(&model.name).is_some()
 }
 
+/// Number of each channel, as point files have them (`ring`): a Velodyne's rise with elevation.
+pub(crate) fn rings(model: &SensorModel) -> Vec<u16> {
+    if is_velodyne(model) { model.rings_by_elevation() } else { (0..model.channels() as u16).collect() }
+}
+
 /// Height of the housing's bottom plane above the sensor's origin, m: an Ouster's origin lies in it, a Velodyne's is the
 /// middle of the housing (within 2 mm).
 pub(crate) fn bottom_plane_m(model: &SensorModel) -> f64 {

@@ -293,14 +293,14 @@ fn cut_by_time() {
     // nothing is left: no empty file
     let clouds = bag("backpack_room.mcap");
     let none = folder.path().join("none.mcap");
-    for (recording, more, said) in [
+    for (recording, more, message) in [
         (&whole, &["--from", "100", "--to", "200"][..], "packets lies in the part that was asked for"),
         (&clouds, &[], "the recording holds no packet"),
     ] {
         let arguments = [&["cut", text_of(recording), "-o", text_of(&none)], more].concat();
         let output = outrigger(&arguments);
         assert_eq!(output.status.code(), Some(1));
-        assert!(stderr(&output).contains(said), "{}", stderr(&output));
+        assert!(stderr(&output).contains(message), "{}", stderr(&output));
         assert!(!none.exists());
     }
     let output = outrigger(&["cut", text_of(&whole), "--sensor", "nobody", "--force", "-o", text_of(&path)]);

@@ -186,19 +186,19 @@ fn walks_are_placed(name: &str, most_s: f64) {
             let found = aligned(&scene, &rays, &sensors, &own);
             let seconds = begin.elapsed().as_secs_f64();
             longest_s = longest_s.max(seconds);
-            let [way_m, turn_deg] = found
+            let [off_m, turned_deg] = found
                 .best
                 .as_ref()
                 .map_or([f64::INFINITY; 2], |best| off(&best.scene_from_walk, &best_fit(&own, &truth), &own));
-            let is_right = found.answer == Answer::Placed && way_m < most_m && turn_deg < most_deg;
+            let is_right = found.answer == Answer::Placed && off_m < most_m && turned_deg < most_deg;
             right += usize::from(is_right);
             if is_right {
-                farthest = [farthest[0].max(way_m), farthest[1].max(turn_deg)];
+                farthest = [farthest[0].max(off_m), farthest[1].max(turned_deg)];
                 least = least.min(found.best.as_ref().unwrap().inlier_share);
             } else {
                 let second = found.second_best.as_ref().map(|s| (s.only_best, s.only_second, s.z));
                 println!(
-                    "  {name} {seed} drift {drift}: {:?} {way_m:.4} m {turn_deg:.3} deg, share {:?}, second {second:?}",
+                    "  {name} {seed} drift {drift}: {:?} {off_m:.4} m {turned_deg:.3} deg, share {:?}, second {second:?}",
                     found.answer,
                     found.best.as_ref().map(|best| best.inlier_share)
                 );
@@ -433,9 +433,9 @@ pub fn odometry_is_written_in_the_scene_s_frame() {
     let found = Trajectory::from_tum(&std::fs::read_to_string(files.path("found.tum")).unwrap()).unwrap();
     for (time_ns, pose) in found.stamped() {
         let Some(truth) = files.truth.at(time_ns) else { continue };
-        let (way_m, turn_rad) =
+        let (off_m, turn_rad) =
             (pose.translation_m.distance(truth.translation_m), pose.rotation.angle_between(truth.rotation));
-        assert!(way_m < 0.02 && turn_rad.to_degrees() < 0.3, "{way_m:.4} m {:.3} deg", turn_rad.to_degrees());
+        assert!(off_m < 0.02 && turn_rad.to_degrees() < 0.3, "{off_m:.4} m {:.3} deg", turn_rad.to_degrees());
     }
     let output = files.run("odometry", &["--scene", "other.obj", "-o", "none.tum"]);
     assert_eq!(output.status.code(), Some(3));

@@ -3,8 +3,7 @@
 use super::{Kind, MountProblem};
 use crate::design::objective::Evaluation;
 use crate::rig::{
-    MountFile, Optimization, PublishedExport, PublishedPose, RollRule, SensorEntry, Symmetry, Walk,
-    sensor_type,
+    MountFile, Optimization, PublishedExport, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };
 use crate::simulate::published::{Path, Placement, Roll};
 
@@ -12,15 +11,9 @@ impl MountProblem {
     /// The mount file of these masters.
     pub(crate) fn mount_file(&self, masters: &[Placement], objective: f64) -> MountFile {
         let experiment = self.objective().simulator().experiment();
-        let entry = |(index, sensor): (usize, Placement)| SensorEntry {
-            name: sensor_name(index, experiment.mirror, masters.len()),
-            model: experiment.model_of(&sensor).into(),
-            x_m: sensor.x_m,
-            y_m: sensor.y_m,
-            z_m: sensor.z_m,
-            pitch_deg: sensor.pitch_deg,
-            roll_deg: sensor.roll_deg,
-            ..SensorEntry::default()
+        let entry = |(index, sensor): (usize, Placement)| {
+            let name = sensor_name(index, experiment.mirror, masters.len());
+            sensor.entry(name, experiment.model_of(&sensor))
         };
         let mut file =
             MountFile::new(experiment.sensors(masters).into_iter().enumerate().map(entry).collect());

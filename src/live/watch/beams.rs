@@ -41,14 +41,16 @@ impl BeamWatch {
         }
         let shares: Vec<f64> =
             self.returns.iter().map(|returns| *returns as f64 / self.columns as f64).collect();
-        silent_rings(model, &shares)
+        let mut silent: Vec<u16> =
+            silent_channels(model, &shares).into_iter().map(|channel| rings[channel]).collect();
+        silent.sort_unstable();
+        silent
     }
 }
 
-/// Numbers, as point files have them (`ring`), of beams without returns whose neighbours have some; `return_shares` by channel.
-pub(crate) fn silent_rings(model: &SensorModel, return_shares: &[f64]) -> Vec<u16> {
+/// Channels without returns whose neighbours have some; `return_shares` by channel.
+pub(crate) fn silent_channels(model: &SensorModel, return_shares: &[f64]) -> Vec<usize> {
     let channels = return_shares.len();
-    let rings = model.rings_by_elevation();
     let mut by_elevation: Vec<usize> = (0..channels).collect();
     by_elevation.sort_by(|a, b| model.beams()[*a].elevation_rad.total_cmp(&model.beams()[*b].elevation_rad));
     let share = |at: usize| return_shares[by_elevation[at]];
@@ -65,10 +67,7 @@ pub(crate) fn silent_rings(model: &SensorModel, return_shares: &[f64]) -> Vec<u1
             (None, None) => false,
         }
     };
-    let mut silent: Vec<u16> =
-        (0..channels).filter(is_silent).filter(is_wrong).map(|at| rings[by_elevation[at]]).collect();
-    silent.sort_unstable();
-    silent
+    (0..channels).filter(is_silent).filter(is_wrong).map(|at| by_elevation[at]).collect()
 }
 
 #[cfg(test)]
@@ -93,5 +92,14 @@ mod tests {
         assert_eq!(silent(&[15]), [15]);
         assert_eq!(silent(&[13, 14, 15]), [0_u16; 0], "they may look at the sky");
         assert_eq!(silent(&(0..16).collect::<Vec<_>>()), [0_u16; 0]);
+    }
+
+    #[test]
+    fn channels_are_named_as_they_stand_in_the_model() {
+        for name in ["vlp-16", "os1-16"] {
+            let model = sensors::catalogue::nominal(name).unwrap();
+            let shares: Vec<f64> = (0..16).map(|channel| f64::from(u8::from(channel != 5))).collect();
+            assert_eq!(silent_channels(&model, &shares), [5], "{name}");
+        }
     }
 }

@@ -4,7 +4,7 @@ mod beams;
 mod described;
 mod first_look;
 
-pub(crate) use beams::silent_rings;
+pub(crate) use beams::silent_channels;
 pub(crate) use described::{first_look, read_metadata};
 pub(crate) use first_look::correction_words;
 pub use first_look::{FirstLook, FirstLooks};

@@ -58,19 +58,8 @@ pub(crate) fn search(
     let sensors = experiment.sensors(&masters);
     let names = ["left", "right"];
     let on_its_side = |sensor: &Placement| names[usize::from(sensor.x_m > 0.0)].to_owned();
-    let mut entries: Vec<SensorEntry> = sensors
-        .iter()
-        .map(|sensor| SensorEntry {
-            name: on_its_side(sensor),
-            model: preset.model.into(),
-            x_m: sensor.x_m,
-            y_m: sensor.y_m,
-            z_m: sensor.z_m,
-            pitch_deg: sensor.pitch_deg,
-            roll_deg: sensor.roll_deg,
-            ..SensorEntry::default()
-        })
-        .collect();
+    let mut entries: Vec<SensorEntry> =
+        sensors.iter().map(|sensor| sensor.entry(on_its_side(sensor), preset.model)).collect();
     entries.sort_by(|a, b| a.name.cmp(&b.name));
     let mut mount = MountFile::new(entries);
     mount.masters = Some(masters.iter().map(|master| (*master).into()).collect());

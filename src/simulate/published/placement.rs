@@ -1,6 +1,6 @@
 //! Where a sensor sits, in the published decision vector's terms.
 
-use crate::rig::Mount;
+use crate::rig::{Mount, SensorEntry};
 
 /// One sensor of the published decision vector; angles in degrees, because the published rotations are exact at
 /// multiples of 90 degrees.
@@ -35,6 +35,20 @@ impl Placement {
             pitch_rad: self.pitch_deg.to_radians(),
             roll_rad: self.roll_deg.to_radians(),
             yaw_rad: 0.0,
+        }
+    }
+
+    /// The sensor of a mount file that sits here.
+    pub(crate) fn entry(&self, name: String, model: &str) -> SensorEntry {
+        SensorEntry {
+            name,
+            model: model.into(),
+            x_m: self.x_m,
+            y_m: self.y_m,
+            z_m: self.z_m,
+            pitch_deg: self.pitch_deg,
+            roll_deg: self.roll_deg,
+            ..SensorEntry::default()
         }
     }
 

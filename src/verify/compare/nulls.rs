@@ -126,23 +126,19 @@ impl NullTest {
             })
             .collect();
         let among = |value: Option<f64>, of: fn(&Run) -> Option<f64>| {
-            let all: Vec<f64> = runs.iter().filter_map(of).collect();
-            let worse = all.iter().filter(|other| Some(**other) <= value).count();
-            let p_value =
-                (value.is_some() && !all.is_empty()).then(|| (1 + worse) as f64 / (1 + all.len()) as f64);
-            let least = all.iter().copied().reduce(f64::min);
-            (p_value, least.map(|least| [all.iter().sum::<f64>() / all.len() as f64, least]))
+            standing(
+                value,
+                &runs.iter().filter_map(of).collect::<Vec<_>>(),
+                |other, value| other <= value,
+                f64::min,
+            )
         };
         let (p_value, iou_of_runs) = among(actual.iou, |run| run.iou);
         let (agree_p_value, agree_share_of_runs) = among(actual.agree_share, |run| run.agree_share);
         let foreseen_patches = touched(&foreseen, patches.len());
         let (missed_share, missed_of_runs) = missed_shares(&foreseen_patches, &runs, &actual);
-        let missed_p_value = missed_share.filter(|_| !missed_of_runs.is_empty()).map(|missed| {
-            let as_much = missed_of_runs.iter().filter(|other| **other >= missed).count();
-            (1 + as_much) as f64 / (1 + missed_of_runs.len()) as f64
-        });
-        let mean = missed_of_runs.iter().sum::<f64>() / missed_of_runs.len() as f64;
-        let most = missed_of_runs.iter().copied().reduce(f64::max);
+        let (missed_p_value, missed_share_of_runs) =
+            standing(missed_share, &missed_of_runs, |other, missed| other >= missed, f64::max);
         Self {
             healthy,
             rays: field.rays.len(),
@@ -153,15 +149,33 @@ impl NullTest {
             p_value,
             agree_p_value,
             missed_share,
-            missed_share_of_runs: most.map(|most| [mean, most]),
+            missed_share_of_runs,
             missed_p_value,
             calibration: Calibration::of(&foreseen_patches, &runs, &actual),
         }
     }
 }
 
+/// How often healthy runs are no better than the recording, with their mean and the worst of them.
+fn standing(
+    value: Option<f64>,
+    of_runs: &[f64],
+    is_no_better: fn(f64, f64) -> bool,
+    worse: fn(f64, f64) -> f64,
+) -> (Option<f64>, Option<[f64; 2]>) {
+    let Some(worst) = of_runs.iter().copied().reduce(worse) else { return (None, None) };
+    let p_value = value.map(|value| {
+        let no_better = of_runs.iter().filter(|other| is_no_better(**other, value)).count();
+        (1 + no_better) as f64 / (1 + of_runs.len()) as f64
+    });
+    (p_value, Some([of_runs.iter().sum::<f64>() / of_runs.len() as f64, worst]))
+}
+
 /// Of the patches that no healthy run misses, the share that the recording misses; and the same for each run, held against all others.
 fn missed_shares(foreseen: &[bool], runs: &[Run], actual: &Run) -> (Option<f64>, Vec<f64>) {
+    if runs.is_empty() {
+        return (None, Vec::new());
+    }
     let patches: Vec<usize> = (0..foreseen.len()).filter(|patch| foreseen[*patch]).collect();
     let counts: Vec<usize> =
         patches.iter().map(|patch| runs.iter().filter(|run| run.missed[*patch]).count()).collect();
@@ -176,9 +190,6 @@ fn missed_shares(foreseen: &[bool], runs: &[Run], actual: &Run) -> (Option<f64>,
         }
         (sure > 0).then(|| missed as f64 / sure as f64)
     };
-    if runs.is_empty() {
-        return (None, Vec::new());
-    }
     (share(actual, false), runs.iter().filter_map(|run| share(run, true)).collect())
 }
 

@@ -23,9 +23,8 @@ pub(crate) fn decide(comparison: &Comparison, cell_m: Option<f64>) -> (Verdict, 
         && is_of_map
         && free_share >= Some(MATCH_AGREE_SHARE)
     {
-        let worst = comparison.rays.values().filter_map(|sensor| sensor.agree_share).reduce(f64::min);
         let values = [
-            ("agree_share", worst),
+            ("agree_share", least_agree_share(comparison)),
             ("needed_agree_share", Some(MATCH_AGREE_SHARE)),
             ("through_free_share", free_share),
             ("cell_m", Some(cell_m)),
@@ -33,6 +32,11 @@ pub(crate) fn decide(comparison: &Comparison, cell_m: Option<f64>) -> (Verdict, 
         return (Verdict::CannotTell, Reason::new("map_too_coarse").with(values));
     }
     (verdict, reason)
+}
+
+/// Of the worse sensor.
+fn least_agree_share(comparison: &Comparison) -> Option<f64> {
+    comparison.rays.values().filter_map(|sensor| sensor.agree_share).reduce(f64::min)
 }
 
 /// Of the returns that end as predicted or early, the share that ends as predicted, of the worse sensor. A ray that goes on
@@ -81,50 +85,35 @@ fn decided(comparison: &Comparison) -> (Verdict, Reason) {
     let as_healthy = |p_value: Option<f64>| can_tell && p_value.is_some_and(|p| p > RARE);
     let runs = null.map(|null| null.healthy.runs as f64);
     let rays_p = null.and_then(|null| null.agree_p_value);
-    let worst = comparison.rays.values().filter_map(|sensor| sensor.agree_share).reduce(f64::min);
+    let of_healthy = |of_runs: Option<[f64; 2]>, extreme: &'static str| {
+        let [mean, worst] = [0, 1].map(|at| of_runs.map(|runs| runs[at]));
+        [("null_runs", runs), ("null_mean", mean), (extreme, worst)]
+    };
+    let worst = least_agree_share(comparison);
     if worst < Some(MATCH_AGREE_SHARE) && !as_healthy(rays_p) {
-        let of_runs = null.and_then(|null| null.agree_share_of_runs);
-        let values = [
-            ("agree_share", worst),
-            ("needed_agree_share", Some(MATCH_AGREE_SHARE)),
-            ("null_runs", runs),
-            ("null_mean", of_runs.map(|runs| runs[0])),
-            ("null_least", of_runs.map(|runs| runs[1])),
-        ];
-        return (Verdict::Differs, Reason { p_value: rays_p, ..Reason::new("rays_disagree").with(values) });
+        let values = [("agree_share", worst), ("needed_agree_share", Some(MATCH_AGREE_SHARE))];
+        let of_runs = of_healthy(null.and_then(|null| null.agree_share_of_runs), "null_least");
+        let reason = Reason::new("rays_disagree").with(values).with(of_runs);
+        return (Verdict::Differs, Reason { p_value: rays_p, ..reason });
     }
     if let Some(null) = null
         && can_tell
         && null.missed_share > Some(1.0 - MATCH_IOU)
         && null.missed_p_value <= Some(RARE)
     {
-        let of_runs = null.missed_share_of_runs;
-        let values = [
-            ("missed_share", null.missed_share),
-            ("most_missed_share", Some(1.0 - MATCH_IOU)),
-            ("null_runs", runs),
-            ("null_mean", of_runs.map(|runs| runs[0])),
-            ("null_most", of_runs.map(|runs| runs[1])),
-        ];
-        let reason = Reason::new("surface_missing").with(values);
+        let values = [("missed_share", null.missed_share), ("most_missed_share", Some(1.0 - MATCH_IOU))];
+        let of_runs = of_healthy(null.missed_share_of_runs, "null_most");
+        let reason = Reason::new("surface_missing").with(values).with(of_runs);
         return (Verdict::Differs, Reason { p_value: null.missed_p_value, ..reason });
     }
     let agreement = comparison.agreement.as_ref();
     let iou = agreement.and_then(|agreement| agreement.patches.agreement.iou);
     let patches_p = agreement.and_then(|agreement| agreement.p_value);
     if agreement.is_some() && iou < Some(MATCH_IOU) && !as_healthy(patches_p) {
-        let of_runs = null.and_then(|null| null.iou_of_runs);
-        let values = [
-            ("iou", iou),
-            ("needed_iou", Some(MATCH_IOU)),
-            ("null_runs", runs),
-            ("null_mean", of_runs.map(|runs| runs[0])),
-            ("null_least", of_runs.map(|runs| runs[1])),
-        ];
-        return (
-            Verdict::Differs,
-            Reason { p_value: patches_p, ..Reason::new("surface_missing").with(values) },
-        );
+        let values = [("iou", iou), ("needed_iou", Some(MATCH_IOU))];
+        let of_runs = of_healthy(null.and_then(|null| null.iou_of_runs), "null_least");
+        let reason = Reason::new("surface_missing").with(values).with(of_runs);
+        return (Verdict::Differs, Reason { p_value: patches_p, ..reason });
     }
     if part >= PART_SHARE {
         let values = [("unplaced_share", Some(part)), ("most_unplaced_share", Some(PART_SHARE))];

@@ -1,7 +1,8 @@
 //! Sensors and channels without data.
 
-use crate::live::watch::silent_rings;
+use crate::live::watch::silent_channels;
 use crate::recording::Fault;
+use crate::rig::rings;
 use crate::verify::compare::Replayed;
 
 /// Predicted returns of a channel, all of which are missing, that say something.
@@ -32,14 +33,17 @@ pub(super) fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
             .iter()
             .map(|rays| {
                 let returns = rays.agree + rays.short + rays.long + rays.extra;
-                // too few that should have returned: one return makes it no silent one
+                // where few should have returned none may have: that is not called silent
                 let is_known = returns > 0 || rays.drop >= LEAST_DROPS;
                 if is_known { returns as f64 / (returns + rays.drop).max(1) as f64 } else { 1.0 }
             })
             .collect();
-        let dead: Vec<String> =
-            silent_rings(&sensor.model, &shares).iter().map(ToString::to_string).collect();
+        let numbers = rings(&sensor.model);
+        let mut dead: Vec<u16> =
+            silent_channels(&sensor.model, &shares).into_iter().map(|channel| numbers[channel]).collect();
+        dead.sort_unstable();
         if !dead.is_empty() {
+            let dead: Vec<String> = dead.iter().map(u16::to_string).collect();
             let words =
                 format!("{name}: no return in ring {}, and its neighbours have some", dead.join(", "));
             faults.push(fault("dead_channel", name, words));
