@@ -201,8 +201,14 @@ fn cloud_files() {
         .sum();
     assert_eq!((points, code), (32_688, 0));
     assert_eq!(document["sensors"].as_array().unwrap().len(), 2);
+    // clouds that stay in their sensors' frames take the transforms and the poses of their bag with them
+    let again = folder.path().join("again.mcap");
+    let (_, code) = decode("backpack_room.mcap", &["--out", text_of(&again)]);
+    assert_eq!(code, 0);
     // every point at its own time lies on a wall of the room
-    for (name, count) in [("backpack_room.mcap", 32_688), ("backpack_room_lz4.bag", 41_984)] {
+    for (name, count) in
+        [("backpack_room.mcap", 32_688), ("backpack_room_lz4.bag", 41_984), (text_of(&again), 32_688)]
+    {
         let out = folder.path().join("world.csv");
         let (_, code) = decode(name, &["--frame", "world", "--force", "--out", text_of(&out)]);
         assert_eq!(code, 0, "{name}");

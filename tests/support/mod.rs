@@ -71,7 +71,9 @@ pub fn shared(path: &str) -> PathBuf {
 /// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case follow on
 /// stderr, longest first (a name that is none of the program's: reports tell what those hold).
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
-    let arguments = Arguments::from_args();
+    let mut arguments = Arguments::from_args();
+    // a case waits for devices and for its child processes for a third of its time
+    arguments.test_threads.get_or_insert(std::thread::available_parallelism().map_or(1, usize::from) + 1);
     let mut left_out = Vec::new();
     let mut trials = Vec::new();
     let times_s = Arc::new(Mutex::new(Vec::new()));

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use super::document::Document;
 use super::error::DecodingError;
+use super::frames::OutputFrame;
 use super::output::Output;
-use super::placing::Placing;
+use super::placing::{Placing, Transforms};
 use super::spec::DecodingSpec;
 use crate::base::geometry::Pose;
 use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
-use crate::recording::export::{Cloud, Source};
+use crate::recording::export::{Cloud, Format, Source};
 use crate::recording::read_trajectory;
 use crate::recording::registered::{Registration, Target};
 use crate::recording::source::Recording;
@@ -18,7 +19,8 @@ use crate::recording::source::Recording;
 /// Decodes nothing: hands on what a driver decoded.
 pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Result<Document, DecodingError> {
     let mut notices = Vec::new();
-    let surroundings = match spec.is_moved() {
+    let states_transforms = spec.file_format().is_some_and(Format::holds_transforms);
+    let surroundings = match spec.is_moved() || states_transforms {
         true => Some(Surroundings::read(recording.path(), &recording.name())?),
         false => None,
     };
@@ -40,18 +42,17 @@ pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Resul
         if !frames.contains(number) || !is_wanted {
             continue;
         }
-        let body_from_cloud = match &surroundings {
-            None => Pose::IDENTITY,
-            Some(Surroundings { frames, .. }) => {
-                let body = body.as_deref().or_else(|| frames.root_of(&cloud.frame_id));
-                let pose = body.and_then(|body| frames.a_from_b(body, &cloud.frame_id));
-                pose.ok_or_else(|| DecodingError::NoTransform {
-                    recording: recording.name(),
-                    frame: cloud.frame_id.clone(),
-                    body: body.unwrap_or("a frame of the rig").to_owned(),
-                })?
-            }
-        };
+        let body_from_cloud = surroundings.as_ref().and_then(|Surroundings { frames, .. }| {
+            let body = body.as_deref().or_else(|| frames.root_of(&cloud.frame_id))?;
+            frames.a_from_b(body, &cloud.frame_id)
+        });
+        if body_from_cloud.is_none() && spec.is_moved() {
+            return Err(DecodingError::NoTransform {
+                recording: recording.name(),
+                frame: cloud.frame_id,
+                body: body.unwrap_or_else(|| "a frame of the rig".to_owned()),
+            });
+        }
         let start_ns = cloud.points.iter().map(|point| point.time_ns).min().unwrap_or(cloud.stamp_ns);
         let mut frame = Cloud::of_points(
             Arc::clone(source),
@@ -60,9 +61,10 @@ pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Resul
             cloud.points,
         );
         document.add_cloud(at, &frame);
-        registration.apply(at, &mut frame, &|_| body_from_cloud);
+        registration.apply(at, &mut frame, &|_| body_from_cloud.unwrap_or(Pose::IDENTITY));
         if let Some(output) = &mut output {
-            output.add_cloud(at, number, frame)?;
+            let transforms = Transforms::of(body_from_cloud, false, at, &frame, &mut registration);
+            output.add_cloud(at, number, frame, &transforms)?;
         }
     }
     let topics = sources.iter().map(|(topic, source)| (&clouds.topics()[*topic], source.as_ref()));
@@ -88,7 +90,7 @@ fn registration(
     };
     notices.extend(surroundings.notices.iter().cloned());
     let platform = || surroundings.frames.names(PLATFORM_FRAME).then(|| PLATFORM_FRAME.to_owned());
-    if !spec.is_read_again() {
+    if spec.frame == OutputFrame::Rig && !spec.is_read_again() {
         return Ok((Registration::new(Target::Rig, filter), platform()));
     }
     let (trajectory, body) = match spec.trajectory.as_deref() {
@@ -103,14 +105,23 @@ fn registration(
         None => {
             let of_platform = |of: &&RecordedTrajectory| surroundings.frames.names(&of.child);
             let all = &surroundings.trajectories;
-            let Some(of) = all.iter().find(of_platform).or(all.first()) else {
-                return Err(DecodingError::NoTrajectory { recording: recording.name() });
-            };
-            notices.push(format!("{}: poses of {} in {}", of.topic, of.child, of.parent));
-            (of.trajectory.clone(), Some(of.child.clone()))
+            match all.iter().find(of_platform).or(all.first()) {
+                Some(of) => {
+                    notices.push(format!("{}: poses of {} in {}", of.topic, of.child, of.parent));
+                    (of.trajectory.clone(), Some(of.child.clone()))
+                }
+                None if spec.is_moved() => {
+                    return Err(DecodingError::NoTrajectory { recording: recording.name() });
+                }
+                None => return Ok((Registration::new(Target::Sensor, filter), platform())),
+            }
         }
     };
-    let target = Target::World { trajectory, offset: spec.time_offset };
+    let offset = spec.time_offset;
+    let target = match spec.is_moved() {
+        true => Target::World { trajectory, offset },
+        false => Target::SensorOnTrajectory { trajectory, offset },
+    };
     Ok((Registration::new(target, filter), body))
 }
 

@@ -134,15 +134,15 @@ impl Output {
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
         let transforms = placing.apply(at, sensor, frame, cloud)?;
-        if self.format.holds_transforms() {
-            self.add_transforms(at, &transforms)?;
-        }
+        self.add_transforms(at, &transforms)?;
         self.write(at, number)
     }
 
     /// Writes where a sensor sits, once where nothing moves it, and where the rig was.
     fn add_transforms(&mut self, at: usize, transforms: &Transforms) -> Result<(), ExportError> {
-        let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
+        let Some(cloud) = self.clouds.get(&at).filter(|_| self.format.holds_transforms()) else {
+            return Ok(());
+        };
         let stamp_ns = cloud.stamp_ns();
         // recorded when the host's clock showed it
         let host_from_stamp_ns =
@@ -163,8 +163,15 @@ impl Output {
     }
 
     /// Writes points that a bag holds, the topic's `number`th.
-    pub(super) fn add_cloud(&mut self, at: usize, number: u64, cloud: Cloud) -> Result<(), DecodingError> {
+    pub(super) fn add_cloud(
+        &mut self,
+        at: usize,
+        number: u64,
+        cloud: Cloud,
+        transforms: &Transforms,
+    ) -> Result<(), DecodingError> {
         self.clouds.insert(at, cloud);
+        self.add_transforms(at, transforms)?;
         self.write(at, number)
     }
 

@@ -27,6 +27,23 @@ pub(super) struct Transforms {
     pub(super) rig: Vec<(u64, NamedFrame)>,
 }
 
+impl Transforms {
+    /// Of a cloud that was moved, with the place of its sensor on the rig and whether an axis moves it.
+    pub(super) fn of(
+        body_from_sensor: Option<Pose>,
+        is_moved: bool,
+        sensor: usize,
+        cloud: &Cloud,
+        registration: &mut Registration,
+    ) -> Self {
+        let rig = registration.poses(sensor, cloud).into_iter();
+        Self {
+            sensor: body_from_sensor.map(|pose| (named(BASE, &cloud.source.id, pose), is_moved)),
+            rig: rig.map(|(time_ns, pose)| (time_ns, named(WORLD, BASE, pose))).collect(),
+        }
+    }
+}
+
 fn named(parent: &str, name: &str, parent_from_frame: Pose) -> NamedFrame {
     NamedFrame { name: name.to_owned(), parent: parent.to_owned(), parent_from_frame }
 }
@@ -47,10 +64,7 @@ impl Placing<'_> {
         let (slot, body_from_sensor) = mounts.body_from_sensor(self.recording, at, sensor, frame)?;
         let pose = body_from_sensor(cloud.start_time_ns);
         self.registration.apply(at, cloud, &body_from_sensor);
-        let rig = self.registration.poses(at, cloud).into_iter();
-        Ok(Transforms {
-            sensor: Some((named(BASE, &cloud.source.id, pose), mounts.is_moved(slot))),
-            rig: rig.map(|(time_ns, pose)| (time_ns, named(WORLD, BASE, pose))).collect(),
-        })
+        let is_moved = mounts.is_moved(slot);
+        Ok(Transforms::of(Some(pose), is_moved, at, cloud, &mut self.registration))
     }
 }
