@@ -162,7 +162,10 @@ impl Folder {
 
     /// Scans of a tenth of a second, each in the frame of its scanner, which is turned.
     fn put_e57(&self, name: &str, points: &[Seen], is_placed: bool) {
-        use e57::{Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+        use e57::{
+            CartesianBounds, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform,
+            Translation,
+        };
         let mut writer = e57::E57Writer::from_file(self.path(name), "file").unwrap();
         let double = RecordDataType::Double { min: None, max: None };
         let axes = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
@@ -178,6 +181,15 @@ impl Folder {
                 scan.set_transform(Some(Transform {
                     rotation: Quaternion { w: turn.w, x: turn.x, y: turn.y, z: turn.z },
                     translation: Translation { x: from_m.x, y: from_m.y, z: from_m.z },
+                }));
+                // pye57 states the box in the frame of the file
+                scan.set_cartesian_bounds(Some(CartesianBounds {
+                    x_min: Some(412_345.0),
+                    x_max: Some(412_400.0),
+                    y_min: Some(5_567_890.0),
+                    y_max: Some(5_567_900.0),
+                    z_min: Some(312.0),
+                    z_max: Some(315.0),
                 }));
             }
             for seen in of_scan {

@@ -363,21 +363,25 @@ impl Document {
                     if frame.complete { "" } else { "  incomplete" },
                 );
             }
+            let frames = counted(sensor.totals.frames as u64, "frame");
+            let points = sensor.totals.points + sensor.totals.points_second;
+            let _ = write!(text, "    {frames}, {points} points");
             let counters = &sensor.counters;
-            let _ = writeln!(
-                text,
-                "    {}, {} points; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, \
-                 {} with a wrong checksum",
-                counted(sensor.totals.frames as u64, "frame"),
-                sensor.totals.points + sensor.totals.points_second,
-                counters.packets,
-                counters.lost_packets,
-                counters.duplicated,
-                counters.reordered,
-                counters.late,
-                counters.malformed,
-                counters.crc_errors,
-            );
+            // clouds of a bag come without packets
+            if counters.packets > 0 {
+                let _ = write!(
+                    text,
+                    "; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum",
+                    counters.packets,
+                    counters.lost_packets,
+                    counters.duplicated,
+                    counters.reordered,
+                    counters.late,
+                    counters.malformed,
+                    counters.crc_errors,
+                );
+            }
+            text.push('\n');
             if let Some(clock) = &sensor.clock {
                 let _ = writeln!(text, "    clock: {clock}");
             }

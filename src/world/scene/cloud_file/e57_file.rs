@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::BufReader;
 
-use e57::{CartesianCoordinate, E57Reader, PointCloud, RecordName};
+use e57::{CartesianCoordinate, E57Reader, Point, PointCloud, RecordName};
 use glam::{DQuat, DVec3};
 
 use super::guard::guarded;
@@ -12,6 +12,8 @@ use crate::base::geometry::Pose;
 
 /// A scanner this far from all of its points did not see them: the pose is a shift of coordinates, m.
 const FARTHEST_M: f64 = 1000.0;
+/// So many points of a scan tell how far the scanner is.
+const MOST_JUDGES: usize = 1000;
 
 /// Reads every point of every scan; what is odd about the scans.
 pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<Vec<String>, Fault> {
@@ -21,9 +23,11 @@ pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<Vec<S
     for (number, scan) in scans.iter().enumerate() {
         let file_from_scan = pose(scan).map_err(|reason| Fault::at(format!("scan {number}"), reason))?;
         let mut seen_from_m = scanner_m(scan, &file_from_scan);
-        if let (Some(_), Some(nearest_m)) = (seen_from_m, nearest_point_m(scan))
-            && nearest_m > FARTHEST_M
-        {
+        let mut points = guarded("E57", || reader.pointcloud_simple(scan))?;
+        points.apply_pose(false);
+        // the box that the file states is no judge: pye57 states it in the frame of the file, the standard wants the scan's
+        let nearest_m = guarded("E57", || nearest_of(points.take(MOST_JUDGES)))?;
+        if seen_from_m.is_some() && nearest_m > FARTHEST_M {
             notes.push(format!(
                 "scan {number}: its points are {nearest_m:.0} m and more from where the file places its scanner; that place is \
                  not believed"
@@ -66,10 +70,13 @@ fn scanner_m(scan: &PointCloud, file_from_scan: &Pose) -> Option<DVec3> {
     (scan.transform.is_some() || is_by_range).then_some(file_from_scan.translation_m)
 }
 
-/// From the scanner to the box of its points, where the file states it.
-fn nearest_point_m(scan: &PointCloud) -> Option<f64> {
-    let bounds = scan.cartesian_bounds.as_ref()?;
-    let low = DVec3::new(bounds.x_min?, bounds.y_min?, bounds.z_min?);
-    let high = DVec3::new(bounds.x_max?, bounds.y_max?, bounds.z_max?);
-    low.cmple(high).all().then(|| DVec3::ZERO.clamp(low, high).length())
+/// From the scanner to the nearest of some of its points, m; 0 without one.
+fn nearest_of(points: impl Iterator<Item = e57::Result<Point>>) -> e57::Result<f64> {
+    let mut nearest_m = f64::INFINITY;
+    for point in points {
+        if let CartesianCoordinate::Valid { x, y, z } = point?.cartesian {
+            nearest_m = nearest_m.min(DVec3::new(x, y, z).length());
+        }
+    }
+    Ok(if nearest_m.is_finite() { nearest_m } else { 0.0 })
 }
