@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use sensors::Decoded;
 use sensors::capture::{CaptureCounters, Interface};
 use sensors::router::{Router, Sensor, Unclaimed};
+use sensors::{DecodeStats, Decoded};
 use serde::Serialize;
 
 use super::bags::TopicCount;
@@ -223,15 +223,9 @@ impl SensorReport {
         let counters = &self.counters;
         let _ = writeln!(
             text,
-            "    {} packets: {} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum, \
-             {} foreign; {} restarts",
+            "    {} packets: {}, {} foreign; {} restarts",
             counters.packets,
-            counters.lost_packets,
-            counters.duplicated,
-            counters.reordered,
-            counters.late,
-            counters.malformed,
-            counters.crc_errors,
+            losses(counters),
             counters.foreign,
             counters.init_id_changes,
         );
@@ -341,4 +335,17 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
         }
     }
     advice
+}
+
+/// What happened to the packets of a sensor, for the screen.
+pub(super) fn losses(counters: &DecodeStats) -> String {
+    format!(
+        "{} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum",
+        counters.lost_packets,
+        counters.duplicated,
+        counters.reordered,
+        counters.late,
+        counters.malformed,
+        counters.crc_errors,
+    )
 }

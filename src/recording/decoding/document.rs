@@ -17,6 +17,7 @@ use super::spec::DecodingSpec;
 use crate::base::numbers::counted;
 use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
+use crate::recording::inspection::losses;
 use crate::recording::mounted::Mounts;
 use crate::recording::source::{Ending, Recording};
 use crate::recording::{sensor_ids, unread};
@@ -369,17 +370,7 @@ impl Document {
             let counters = &sensor.counters;
             // clouds of a bag come without packets
             if counters.packets > 0 {
-                let _ = write!(
-                    text,
-                    "; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum",
-                    counters.packets,
-                    counters.lost_packets,
-                    counters.duplicated,
-                    counters.reordered,
-                    counters.late,
-                    counters.malformed,
-                    counters.crc_errors,
-                );
+                let _ = write!(text, "; {} packets, {}", counters.packets, losses(counters));
             }
             text.push('\n');
             if let Some(clock) = &sensor.clock {

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::BufReader;
 
-use e57::{CartesianCoordinate, E57Reader, Point, PointCloud, RecordName};
+use e57::{CartesianCoordinate, E57Reader, Point, PointCloud, PointCloudReaderSimple, RecordName};
 use glam::{DQuat, DVec3};
 
 use super::guard::guarded;
@@ -23,19 +23,19 @@ pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<Vec<S
     for (number, scan) in scans.iter().enumerate() {
         let file_from_scan = pose(scan).map_err(|reason| Fault::at(format!("scan {number}"), reason))?;
         let mut seen_from_m = scanner_m(scan, &file_from_scan);
-        let mut points = guarded("E57", || reader.pointcloud_simple(scan))?;
-        points.apply_pose(false);
-        // the box that the file states is no judge: pye57 states it in the frame of the file, the standard wants the scan's
-        let nearest_m = guarded("E57", || nearest_of(points.take(MOST_JUDGES)))?;
-        if seen_from_m.is_some() && nearest_m > FARTHEST_M {
-            notes.push(format!(
-                "scan {number}: its points are {nearest_m:.0} m and more from where the file places its scanner; that place is \
-                 not believed"
-            ));
-            seen_from_m = None;
+        if seen_from_m.is_some() {
+            // not by the box that the file states: pye57 states it in the frame of the file, the standard wants the scan's
+            let some = points_of(&mut reader, scan)?.take(MOST_JUDGES);
+            let nearest_m = guarded(&format!("E57 scan {number}"), || nearest_of(some))?;
+            if nearest_m > FARTHEST_M {
+                notes.push(format!(
+                    "scan {number}: its points are {nearest_m:.0} m and more from where the file places its scanner; that place is \
+                     not believed"
+                ));
+                seen_from_m = None;
+            }
         }
-        let mut points = guarded("E57", || reader.pointcloud_simple(scan))?;
-        points.apply_pose(false);
+        let mut points = points_of(&mut reader, scan)?;
         loop {
             let place = || format!("E57 scan {number}");
             let Some(point) = guarded(&place(), || points.next().transpose())? else { break };
@@ -48,6 +48,16 @@ pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<Vec<S
         }
     }
     Ok(notes)
+}
+
+/// The points of a scan, in its own frame.
+fn points_of<'a>(
+    reader: &'a mut E57Reader<BufReader<File>>,
+    scan: &'a PointCloud,
+) -> Result<PointCloudReaderSimple<'a, BufReader<File>>, Fault> {
+    let mut points = guarded("E57", || reader.pointcloud_simple(scan))?;
+    points.apply_pose(false);
+    Ok(points)
 }
 
 fn pose(scan: &PointCloud) -> Result<Pose, String> {
