@@ -122,7 +122,7 @@ pub fn feed() {
                 // of work that was asked for
                 let is_long = (names == "demo" && flag == "--seed")
                     || (["--certify", "--evals"].contains(&flag.as_str()) && *value == "65535");
-                if is_long || !(all || (number + flags) % VALUES.len() < 2) {
+                if is_long || !(all || (number + flags).is_multiple_of(VALUES.len())) {
                     continue;
                 }
                 kit.empty_out();
