@@ -1,6 +1,7 @@
 //! `outrigger compare` on simulated recordings through real packets, as a process, and on real captures.
 
 mod align;
+mod alone;
 mod clock;
 mod recordings;
 mod rig_faults;
@@ -74,6 +75,12 @@ pub const CASES: &[Case] = &[
         ASKED,
         statistics::are_wanted,
         align::walks_in_another_building_are_refused,
+    ),
+    with_machine(
+        "a_recording_alone_says_what_its_true_trajectory_says",
+        ASKED,
+        statistics::are_wanted,
+        alone::a_recording_alone_says_what_its_true_trajectory_says,
     ),
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
     case("an_axis_that_is_not_homed_measures_nothing", stand::an_axis_that_is_not_homed_measures_nothing),

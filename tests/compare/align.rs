@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use outrigger::base::geometry::Pose;
 use outrigger::base::rng::Rng;
@@ -19,7 +19,7 @@ use outrigger::world::trajectory::Trajectory;
 use sensors::capture::PcapWriter;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 use sensors::{Packet, catalogue};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::support::shared;
 
@@ -151,10 +151,13 @@ fn best_fit(own: &Trajectory, truth: &Trajectory) -> Pose {
     Pose::new(rotation, to_m - rotation * from_m)
 }
 
+fn middle_m(walk: &Trajectory) -> DVec3 {
+    walk.stamped().map(|(_, pose)| pose.translation_m).sum::<DVec3>() / walk.stamped().count() as f64
+}
+
 /// Distance in the middle of the walk, m, and angle, degrees.
 fn off(found: &Pose, best: &Pose, own: &Trajectory) -> [f64; 2] {
-    let count = own.stamped().count() as f64;
-    let middle_m = own.stamped().map(|(_, pose)| pose.translation_m).sum::<DVec3>() / count;
+    let middle_m = middle_m(own);
     [
         found.transform_point(middle_m).distance(best.transform_point(middle_m)),
         found.rotation.angle_between(best.rotation).to_degrees(),
@@ -166,8 +169,35 @@ fn aligned(scene: &Scene, rays: &[RecordedRay], sensors: &[MountedSensor], own: 
     place(&walk_returns(rays, sensors, own), &start, scene, None).unwrap()
 }
 
-fn walks() -> u64 {
+pub fn walks() -> u64 {
     std::env::var("OUTRIGGER_WALKS").ok().and_then(|count| count.parse().ok()).unwrap_or(20)
+}
+
+/// For `tests/peers/placement.py`, where `OUTRIGGER_CLOUDS` names a folder: the returns of a walk, and what was found.
+fn keep(
+    name: &str,
+    (rays, sensors, own): (&[RecordedRay], &[MountedSensor], &Trajectory),
+    truth: &Trajectory,
+    [off_m, turned_deg, seconds]: [f64; 3],
+) {
+    let Some(folder) = std::env::var_os("OUTRIGGER_CLOUDS").map(PathBuf::from) else { return };
+    let points =
+        walk_returns(rays, sensors, own).into_iter().flat_map(|found| found.point_m.as_vec3().to_array());
+    std::fs::write(
+        folder.join(format!("{name}.f32")),
+        points.flat_map(f32::to_le_bytes).collect::<Vec<u8>>(),
+    )
+    .unwrap();
+    let best = best_fit(own, truth);
+    let rows = DMat4::from_rotation_translation(best.rotation, best.translation_m).transpose();
+    let found = json!({
+        "scene_from_walk": rows.to_cols_array_2d(),
+        "middle_m": middle_m(own).to_array(),
+        "off_m": off_m.min(1e9),
+        "turned_deg": turned_deg.min(1e9),
+        "seconds": seconds,
+    });
+    std::fs::write(folder.join(format!("{name}.json")), found.to_string()).unwrap();
 }
 
 /// Twenty random walks in a public scene, with drift and without, each in a frame of its own.
@@ -190,6 +220,12 @@ fn walks_are_placed(name: &str, most_s: f64) {
                 .best
                 .as_ref()
                 .map_or([f64::INFINITY; 2], |best| off(&best.scene_from_walk, &best_fit(&own, &truth), &own));
+            keep(
+                &format!("{name}-{drift}-{seed}"),
+                (&rays, &sensors, &own),
+                &truth,
+                [off_m, turned_deg, seconds],
+            );
             let is_right = found.answer == Answer::Placed && off_m < most_m && turned_deg < most_deg;
             right += usize::from(is_right);
             if is_right {
