@@ -6,14 +6,14 @@ use anyhow::{Context as _, bail};
 
 use super::args::Args;
 use super::scene_document::{document, write, write_page};
-use super::scene_rigs::{fineness, present, rig_space, sampling};
+use super::scene_rigs::{fineness, is_of_few_channels, largest, present, rig_space, sampling};
 use super::scene_runs::Run;
 use super::site::site;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
-use crate::design::scene_search::SceneWeights;
+use crate::design::scene_search::{SceneWeights, thinning};
 use crate::simulate::view::{CastView, CellView, Precision, View as _};
 
 /// What only a search in a published experiment knows.
@@ -92,13 +92,20 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut units = rigs.units.clone();
     units.extend(present.iter().flat_map(|(units, _)| units.iter().cloned()));
     let mut model = CellView::new(&site, &units, &sampling, &fineness(&rigs))?;
-    let cast = CastView::new(site, &units, &sampling, Precision::Single).map_err(wrong_usage)?;
+    let cast = CastView::new(site.clone(), &units, &sampling, Precision::Single).map_err(wrong_usage)?;
+    let thinning = thinning(cast.rays(&largest(args, &rigs)), is_of_few_channels(&rigs));
+    let thinned = (thinning > 1)
+        .then(|| CastView::new(site, &units, &sampling.thinned(thinning), Precision::Single))
+        .transpose()
+        .map_err(wrong_usage)?;
+    let thinned = thinned.as_ref();
     let weights = SceneWeights::new(args.scene.weights, model.observable());
-    let run = Run { args, cast: &cast, weights, evaluations, seed, stage: &stage, stop: &stop };
+    let run =
+        Run { args, cast: &cast, thinned, thinning, weights, evaluations, seed, stage: &stage, stop: &stop };
     let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
     stage.next("casting what the best mount is compared with");
-    let answer = search.answer(&cast, &mut end.exact, present.as_ref().map(|(_, rig)| rig));
+    let answer = search.answer((&cast, thinned), &mut end.exact, present.as_ref().map(|(_, rig)| rig));
     drop(stage);
     let Some(answer) = answer else {
         bail!("stopped before the first exact evaluation: no mount was scored")

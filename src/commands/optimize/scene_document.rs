@@ -27,7 +27,7 @@ pub(super) fn document(
     let winner = &end.exact[0];
     let masters = search.rigs.mounts(&winner.values).into_iter().map(numbers).collect();
     let sd = end.model_error.map(|error| error.sd);
-    let error_bound = sd.zip(end.best_left).map(|(sd, left)| (left + 2.0 * sd - winner.objective()).max(0.0));
+    let error_bound = sd.zip(end.best_left).map(|(sd, left)| (left + 2.0 * sd).max(0.0));
     let trajectory = &cast.site().trajectory;
     let [start_ns, end_ns] = trajectory.time_span_ns();
     let spins = search.rigs.units.iter().map(|unit| {
@@ -38,7 +38,7 @@ pub(super) fn document(
         method: "two-level",
         seed: search.plan.seed,
         evaluations: end.evaluations,
-        exact_evaluations: end.exact.len(),
+        exact_evaluations: end.judged,
         rays: end.rays + answer.rays + search.model.cost().rays,
         wall_s: start.elapsed().as_secs_f64(),
         stopped_by: end.stopped_by,

@@ -3,17 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use super::args::Args;
+use super::scene_flags::Counts;
 use super::values::Corners;
 use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
 use crate::design::scene_search::RigSpace;
-use crate::rig::{Mount, MountFile, Rig, Unit};
+use crate::rig::{MountFile, Rig, Unit};
 use crate::simulate::published::Roll;
 use crate::simulate::view::{Fineness, Sampling};
 
 /// Least range of an ideal sensor, m.
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
-/// Fewer channels leave gaps that many views have to fill.
 const FEW_CHANNELS: usize = 32;
 /// A search corrects its model, and may look coarsely: rays, and layers of height, m.
 const SEARCH_STEP_SHARE: f64 = 0.85;
@@ -83,7 +83,7 @@ pub(super) fn present(path: &Path, rigs: &RigSpace) -> anyhow::Result<(Vec<Unit>
     let file = MountFile::read(path)?;
     let units = file.units(&[])?;
     let rig = file.rig_of(&units);
-    let of_search = rigs.rig_of(&vec![Mount::default(); rigs.masters.len()]);
+    let of_search = rigs.any();
     if rig.sensors.len() != of_search.sensors.len() {
         output::say_notice(&format!(
             "{}: {} sensors, and {} are searched: the two are judged side by side as they are",
@@ -95,11 +95,23 @@ pub(super) fn present(path: &Path, rigs: &RigSpace) -> anyhow::Result<(Vec<Unit>
     Ok((units, rig))
 }
 
+/// A rig of as many sensors as are searched at most.
+pub(super) fn largest(args: &Args, rigs: &RigSpace) -> Rig {
+    match args.scene.count {
+        Some(Counts(_, last)) => rigs.with_sensors(last, args.experiment.of_scene().is_mirrored).any(),
+        None => rigs.any(),
+    }
+}
+
+/// Whether many revolutions have to fill the gaps of some sensor.
+pub(super) fn is_of_few_channels(rigs: &RigSpace) -> bool {
+    rigs.units.iter().any(|unit| unit.model.channels() < FEW_CHANNELS)
+}
+
 /// How finely the model of a search looks.
 pub(super) fn fineness(rigs: &RigSpace) -> Fineness {
-    let channels = rigs.units.iter().map(|unit| unit.model.channels()).min().unwrap_or(0);
     Fineness {
-        views: if channels < FEW_CHANNELS { 100 } else { 50 },
+        views: if is_of_few_channels(rigs) { 100 } else { 50 },
         step_share: SEARCH_STEP_SHARE,
         ..Fineness::between(rigs.bounds.z_m)
     }

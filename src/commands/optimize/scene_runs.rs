@@ -12,12 +12,16 @@ use crate::design::scene_search::{
     Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
 };
 use crate::report::scene_search::CountDocument;
-use crate::simulate::view::{CastView, CellView};
+use crate::simulate::view::{CastView, CellView, View};
 
 /// What all searches of a command share.
 pub(super) struct Run<'a, 's> {
     pub(super) args: &'s Args,
     pub(super) cast: &'a CastView,
+    /// With the beams that judge while searching, where these are not all.
+    pub(super) thinned: Option<&'a CastView>,
+    /// One beam in so many is among them.
+    pub(super) thinning: u32,
     pub(super) weights: SceneWeights,
     pub(super) evaluations: usize,
     pub(super) seed: u64,
@@ -78,10 +82,7 @@ impl<'a> Run<'a, '_> {
     where
         'a: 'b,
     {
-        let space = rigs.space()?;
-        let middle: Vec<f64> =
-            space.variables().iter().map(|variable| 0.5 * (variable.low + variable.high)).collect();
-        let plan = Plan::new(self.evaluations, self.seed, self.cast.rays(&rigs.rig(&middle)));
+        let plan = Plan::new(self.evaluations, self.seed, self.cast.rays(&rigs.any()), self.thinning);
         let mut state = None;
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
@@ -101,7 +102,11 @@ impl<'a> Run<'a, '_> {
             }
             (None, None) => Findings::default(),
         };
-        let mut search = SceneSearch::new(rigs, model, self.cast, self.weights, plan, known)?;
+        let judges: (&dyn View, Option<&dyn View>) = match self.thinned {
+            Some(thinned) => (thinned, Some(self.cast)),
+            None => (self.cast, None),
+        };
+        let mut search = SceneSearch::new(rigs, model, judges, self.weights, plan, known)?;
         self.stage.counts(self.evaluations as u64, 0);
         let failed = std::cell::RefCell::new(None);
         let progress = |search: &SceneSearch<'_>, what: &str| {

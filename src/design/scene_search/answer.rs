@@ -85,6 +85,7 @@ pub(crate) struct Answer {
     pub flat: Vec<FlatRange>,
     pub tolerance: ToleranceLoss,
     /// Beams cast for all this.
+    #[serde(skip)]
     pub rays: u64,
 }
 
@@ -138,22 +139,30 @@ impl SceneSearch<'_> {
         }
     }
 
-    /// The winner's count at other starts of the revolutions, voxels.
-    fn phases(&self, cast: &CastView, rig: &Rig) -> Vec<Seen> {
-        PHASES.iter().flat_map(|phase| cast.at_phase(*phase).see(std::slice::from_ref(rig))).collect()
+    /// What a rig sees at three starts of the revolutions. By thinned beams, where those searched, the counts scatter a little
+    /// more than by all.
+    fn phases(&self, rig: &Rig, (cast, seen): (&CastView, &Seen), thinned: Option<&CastView>) -> Vec<Seen> {
+        let see = |cast: &CastView, phase: f64| cast.at_phase(phase).see(std::slice::from_ref(rig));
+        let mut phases: Vec<Seen> =
+            PHASES.iter().flat_map(|phase| see(thinned.unwrap_or(cast), *phase)).collect();
+        phases.extend(match thinned {
+            Some(thinned) => see(thinned, 0.0),
+            None => vec![seen.clone()],
+        });
+        phases
     }
 
     /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
     /// one takes its place, among them the same positions level.
     pub(crate) fn answer(
         &self,
-        cast: &CastView,
+        (cast, thinned): (&CastView, Option<&CastView>),
         exact: &mut Vec<Exact>,
         present: Option<&Rig>,
     ) -> Option<Answer> {
         let first = exact.first()?;
-        let phases = self.phases(cast, &first.rig);
-        let counts: Vec<f64> = phases.iter().chain([&first.seen]).map(|seen| seen.union).collect();
+        let phases = self.phases(&first.rig, (cast, &first.seen), thinned);
+        let counts: Vec<f64> = phases.iter().map(|seen| seen.union).collect();
         let mean = counts.iter().sum::<f64>() / counts.len() as f64;
         let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
         let phase_sd_voxels = (square / (counts.len() - 1) as f64).sqrt();
@@ -161,13 +170,8 @@ impl SceneSearch<'_> {
         let level_rig = self.rigs.rig(&level_values);
         let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
         let level_terms = self.weights.terms(&level_rig, &level_seen);
-        let level_exact = Exact {
-            predicted: self.look_at(std::slice::from_ref(&level_values))[0],
-            values: level_values,
-            rig: level_rig,
-            seen: level_seen,
-            terms: level_terms,
-        };
+        let level_exact =
+            Exact { values: level_values, rig: level_rig, seen: level_seen, terms: level_terms };
         let level = level_exact.clone();
         if tilt_rad(&first.rig) > 0.0 {
             exact.push(level_exact);

@@ -14,6 +14,6 @@ mod weights;
 pub(crate) use answer::{Answer, Judged};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
-pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};
+pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd, thinning};
 pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};

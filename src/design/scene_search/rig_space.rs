@@ -127,6 +127,11 @@ impl RigSpace {
         level
     }
 
+    /// One of the rigs.
+    pub(crate) fn any(&self) -> Rig {
+        self.rig_of(&vec![Mount::default(); self.masters.len()])
+    }
+
     /// The rig of these masters.
     pub(crate) fn rig_of(&self, mounts: &[Mount]) -> Rig {
         let mut sensors = Vec::new();

@@ -1,5 +1,5 @@
 //! The two levels: a spread and local searches on the model, exact evaluations that correct it, local searches again, exact
-//! finalists.
+//! finalists. Where all beams of a rig are too many, a thinned view judges, and all beams the best of the finalists.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,8 +21,14 @@ const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 const PARENTS: usize = 8;
 const CHILDREN: usize = 16;
 /// Exact evaluations of rigs that cast so many rays or more are dear, of those that cast fewer than so many cheap.
-const DEAR_RAYS: u64 = 30_000_000;
+const DEAR_RAYS: u64 = 10_000_000;
 const CHEAP_RAYS: u64 = 3_000_000;
+/// A thinned view casts at most so many rays of a rig, but one beam in so many at least; second that of sensors of few channels,
+/// whose gaps many revolutions have to fill. Thinner views count the density of beams, not what is seen.
+const THINNEST: [(u64, u32); 2] = [(4_000_000, 16), (8_000_000, 4)];
+/// Finalists of a thinned view whose beams are all cast: so many, or fewer where each casts more than so many rays.
+const WHOLE: usize = 3;
+const VERY_DEAR_RAYS: u64 = 150_000_000;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
@@ -44,12 +50,26 @@ pub(crate) struct Plan {
     pub early: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
+    /// Which part of the beams is cast until then, 1 in so many; all beams of the best finalists are.
+    pub thinning: u32,
+    /// So many of them, where beams are thinned.
+    pub whole: usize,
+}
+
+/// One in how many beams of rigs that cast so many rays is cast while searching.
+pub(crate) fn thinning(rays_of_whole: u64, is_of_few_channels: bool) -> u32 {
+    let (most_rays, most) = THINNEST[usize::from(is_of_few_channels)];
+    let mut thinning = 1;
+    while rays_of_whole / u64::from(thinning) > most_rays && thinning < most {
+        thinning *= 2;
+    }
+    thinning
 }
 
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
-    pub(crate) fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
-        let (early, correcting, finalists) = match rays_of_exact {
+    pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
+        let (early, correcting, finalists) = match rays_of_whole / u64::from(thinning) {
             rays if rays < CHEAP_RAYS => (0, 16, 18),
             rays if rays < DEAR_RAYS => (4, 12, 10),
             _ => (2, 6, 6),
@@ -62,19 +82,19 @@ impl Plan {
             early,
             correcting: correcting.min(evaluations),
             finalists: finalists.min(evaluations),
+            thinning,
+            whole: if rays_of_whole > VERY_DEAR_RAYS { WHOLE - 1 } else { WHOLE },
         }
     }
 }
 
-/// A rig with every beam cast.
+/// A rig whose beams were cast.
 #[derive(Clone, Debug)]
 pub(crate) struct Exact {
     pub values: Vec<f64>,
     pub rig: Rig,
     pub seen: Seen,
     pub terms: Terms,
-    /// What the model, corrected by all exact evaluations, says of it.
-    pub predicted: f64,
 }
 
 impl Exact {
@@ -106,6 +126,8 @@ pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
     pub model: &'a mut CellView,
     pub judge: &'a dyn View,
+    /// With every beam, where the judge casts a part of them.
+    pub whole: Option<&'a dyn View>,
     pub weights: SceneWeights,
     pub plan: Plan,
     space: Space,
@@ -128,20 +150,26 @@ pub(crate) struct Findings {
     pub again: Vec<f64>,
     /// Of the rigs that were cast.
     pub exact: Vec<Seen>,
+    /// Of the best of these with every beam, where the others were thinned.
+    #[serde(default)]
+    pub whole: Vec<Seen>,
 }
 
 /// How a search ended.
 pub(crate) struct SearchEnd {
-    /// Judged exactly, best first.
+    /// Judged with every beam, best first.
     pub exact: Vec<Exact>,
     /// By the model.
     pub evaluations: usize,
-    /// Of the exact evaluations.
+    /// Judged exactly, thinned beams included.
+    pub judged: usize,
+    /// Of these.
     pub rays: u64,
     pub stopped_by: StoppedBy,
     pub model_error: Option<ModelError>,
     pub history: Vec<(usize, f64)>,
-    /// Best score by the corrected model among rigs that keep their distance and were not judged.
+    /// By how much the best rig that keeps its distance and was not judged is better than the best judged one, in J, by the
+    /// corrected model.
     pub best_left: Option<f64>,
 }
 
@@ -153,7 +181,7 @@ impl<'a> SceneSearch<'a> {
     pub(crate) fn new(
         rigs: &'a RigSpace,
         model: &'a mut CellView,
-        judge: &'a dyn View,
+        (judge, whole): (&'a dyn View, Option<&'a dyn View>),
         weights: SceneWeights,
         plan: Plan,
         known: Findings,
@@ -164,6 +192,7 @@ impl<'a> SceneSearch<'a> {
             rigs,
             model,
             judge,
+            whole,
             weights,
             plan,
             space,
@@ -184,7 +213,7 @@ impl<'a> SceneSearch<'a> {
     /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
     pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
-        let Plan { evaluations, spread, local, early, correcting, finalists, seed } = self.plan;
+        let Plan { evaluations, spread, local, early, correcting, finalists, seed, .. } = self.plan;
         let mut rng = Rng::new(seed, 0);
         let mut rounds = 0;
         let points = self.space.latin_hypercube(spread, &mut rng);
@@ -221,31 +250,53 @@ impl<'a> SceneSearch<'a> {
             self.judge_all(self.best_left(count));
             self.correct();
         }
-        self.end(if is_stopped() { StoppedBy::Interrupted } else { StoppedBy::Budget })
+        let stopped_by = if is_stopped() { StoppedBy::Interrupted } else { StoppedBy::Budget };
+        let left = self.best_left(1).first().map(|at| self.corrected(&self.tried[*at]));
+        let (judged, rays) = (self.exact.len(), self.exact.iter().map(|exact| exact.seen.rays).sum::<u64>());
+        self.rank();
+        let best_left = left.zip(self.exact.first()).map(|(left, best)| left - best.objective());
+        let mut end = SearchEnd {
+            exact: Vec::new(),
+            evaluations: self.tried.len(),
+            judged,
+            rays,
+            stopped_by,
+            model_error: self.correction.error(),
+            history: std::mem::take(&mut self.history),
+            best_left,
+        };
+        if let Some(whole) = self.whole {
+            progress(self, "casting every beam of the best of them");
+            end.rays += self.judge_wholly(whole);
+        }
+        end.exact = std::mem::take(&mut self.exact);
+        end
     }
 
-    fn end(&mut self, stopped_by: StoppedBy) -> SearchEnd {
-        let left = self.best_left(1).first().map(|at| self.corrected(&self.tried[*at]));
-        let mut exact = std::mem::take(&mut self.exact);
-        for exact in &mut exact {
-            exact.predicted = self.predicted(&exact.values);
-        }
+    /// Those judged, best first: those that keep their distance, of equals the least tilted.
+    fn rank(&mut self) {
         let violation_m = |exact: &Exact| self.rigs.violation_m(&exact.rig);
-        // of equals the least tilted
-        exact.sort_by(|a, b| {
+        self.exact.sort_by(|a, b| {
             let by_score =
                 violation_m(a).total_cmp(&violation_m(b)).then(b.objective().total_cmp(&a.objective()));
             by_score.then(tilt_rad(&a.rig).total_cmp(&tilt_rad(&b.rig)))
         });
-        SearchEnd {
-            rays: exact.iter().map(|exact| exact.seen.rays).sum(),
-            exact,
-            evaluations: self.tried.len(),
-            stopped_by,
-            model_error: self.correction.error(),
-            history: std::mem::take(&mut self.history),
-            best_left: left,
+    }
+
+    /// Keeps the best of those judged, with every beam. How many rays that takes.
+    fn judge_wholly(&mut self, whole: &dyn View) -> u64 {
+        self.exact.truncate(self.plan.whole);
+        let seen = match &self.known.whole[..] {
+            known if known.len() == self.exact.len() => known.to_vec(),
+            _ => whole.see(&self.exact.iter().map(|exact| exact.rig.clone()).collect::<Vec<_>>()),
+        };
+        self.found.whole.clone_from(&seen);
+        for (exact, seen) in self.exact.iter_mut().zip(seen) {
+            exact.terms = self.weights.terms(&exact.rig, &seen);
+            exact.seen = seen;
         }
+        self.rank();
+        self.exact.iter().map(|exact| exact.seen.rays).sum()
     }
 
     /// J by the corrected model of points.
@@ -261,11 +312,6 @@ impl<'a> SceneSearch<'a> {
     /// The space that is searched.
     pub(crate) fn space(&self) -> &Space {
         &self.space
-    }
-
-    fn predicted(&self, values: &[f64]) -> f64 {
-        let tried = self.tried.iter().find(|tried| tried.values == values);
-        tried.map_or(f64::NAN, |tried| self.corrected(tried))
     }
 
     fn corrected(&self, tried: &Tried) -> f64 {
@@ -452,7 +498,7 @@ impl<'a> SceneSearch<'a> {
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();
-            self.exact.push(Exact { values, rig, seen, terms, predicted: f64::NAN });
+            self.exact.push(Exact { values, rig, seen, terms });
         }
         let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
         if let Some(best) = memo.map(Exact::objective).reduce(f64::max) {

@@ -187,8 +187,14 @@ impl Document {
     }
 
     fn cost_line(&self) -> String {
+        let thinned = match self.plan {
+            Plan { thinning: 1, .. } => String::new(),
+            Plan { thinning, whole, .. } => {
+                format!(" (with one beam in {thinning}, the best {whole} with every beam)")
+            }
+        };
         format!(
-            "{} mounts by the model, {} exactly, {} rays in {:.2} s",
+            "{} mounts by the model, {} exactly{thinned}, {} rays in {:.2} s",
             self.evaluations, self.exact_evaluations, self.rays, self.wall_s
         )
     }

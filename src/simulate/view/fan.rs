@@ -18,6 +18,8 @@ pub struct Sampling {
     pub is_ideal: bool,
     /// Columns per revolution; the unit's own where none.
     pub columns: Option<u32>,
+    /// Every so many columns one is cast.
+    pub column_stride: u32,
     /// Revolutions per second; the unit's own where none.
     pub rate_hz: Option<f64>,
     /// Every so many revolutions one is cast, from the first.
@@ -36,11 +38,24 @@ impl Default for Sampling {
         Self {
             is_ideal: false,
             columns: None,
+            column_stride: 1,
             rate_hz: None,
             scan_stride: 1,
             min_range_m: None,
             max_range_m: None,
             phase: 0.0,
+        }
+    }
+}
+
+impl Sampling {
+    /// One beam in so many, a power of two: columns and revolutions are thinned evenly.
+    pub(crate) fn thinned(&self, times: u32) -> Self {
+        let columns = 1 << times.ilog2().div_ceil(2);
+        Self {
+            column_stride: self.column_stride * columns,
+            scan_stride: self.scan_stride * (times / columns).max(1),
+            ..self.clone()
         }
     }
 }
@@ -99,7 +114,8 @@ impl Fan {
     /// Range limits that are out of order.
     pub fn new(unit: &Unit, sampling: &Sampling) -> Result<Self, ViewError> {
         let model = &unit.model;
-        let columns = sampling.columns.unwrap_or(unit.columns).max(1) as usize;
+        let columns = sampling.columns.unwrap_or(unit.columns) / sampling.column_stride.max(1);
+        let columns = columns.max(1) as usize;
         let rate_hz = sampling.rate_hz.unwrap_or(unit.rate_hz);
         let min_range_m = sampling.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = sampling.max_range_m.unwrap_or(model.max_range_m);
