@@ -14,7 +14,6 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("meshes", meshes),
     case("clouds", clouds),
-    case("ways", ways),
     case("tables_of_poses", tables_of_poses),
     case("mounts_and_configs", mounts_and_configs),
 ];
@@ -139,15 +138,6 @@ fn clouds() {
     scan.finalize().unwrap();
     writer.finalize().unwrap();
     feed("a.e57", &std::fs::read(&path).unwrap(), read);
-}
-
-fn ways() {
-    feed("a.tum", b"# t x y z qx qy qz qw\n1.5 0 0 1 0 0 0 1\n2.5 1 0 1 0 0 0.1 0.99\n", |path| {
-        named(path, Trajectory::from_tum(&text(path)?))
-    });
-    feed("a.kitti", b"1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 0 0 0 1 0\n", |path| {
-        named(path, Trajectory::from_kitti(&text(path)?, 10.0))
-    });
 }
 
 fn tables_of_poses() {

@@ -424,10 +424,10 @@ pub fn a_walk_is_found_by_odometry() {
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&document["format"], &document["sweeps"]), (&"outrigger-odometry/1".into(), &12.into()));
     assert_eq!(document["loose_sweeps"], 0, "{:#}", document["steps"]);
-    let found = Trajectory::from_tum(&std::fs::read_to_string(&tum).unwrap()).unwrap();
+    let found = Trajectory::read(&std::fs::read(&tum).unwrap(), None).unwrap().trajectory;
     let off_m = apart_m(&found, &said());
     assert!(off_m < 0.03, "{off_m:.4} m apart after {} m", found.length_m());
-    let begun = Trajectory::from_kitti(&std::fs::read_to_string(&kitti).unwrap(), 10.0).unwrap();
+    let begun = Trajectory::read(&std::fs::read(&kitti).unwrap(), Some(10.0)).unwrap().trajectory;
     // the last column of the walk begins a thirteenth revolution
     assert_eq!(begun.stamped().count(), 13, "one pose per revolution");
     let second = begun.stamped().nth(5).unwrap().1;

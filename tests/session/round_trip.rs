@@ -93,7 +93,7 @@ pub fn servo_reports_and_events_come_back() {
     assert!(writer.write_event(&1).unwrap_err().to_string().contains("closed"));
     let session = Session::open(folder.path()).unwrap();
     assert_eq!(session.problems(), [""; 0]);
-    assert_eq!(session.trajectory().unwrap().unwrap(), path);
+    assert_eq!(session.trajectory().unwrap().unwrap().trajectory, path);
     assert_eq!(session.mount().unwrap().unwrap(), mount);
     assert_eq!(session.metadata("left").unwrap().as_deref(), Some("{\"a\":1}"));
     assert_eq!(session.metadata("right").unwrap(), None);
