@@ -361,7 +361,11 @@ pub fn what_is_wrong_with_the_input_is_said() {
     assert_eq!((output.status.code(), &document["verdict"]), (Some(3), &Value::from("differs")));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("no corrected mount is written") && !corrected.exists(), "{said}");
-    fails(&["--map-frames", "0..9"], &[], "leaves nothing to compare, right recorded 2 revolutions: expected fewer in the map");
+    fails(
+        &["--map-frames", "0..9"],
+        &[],
+        "leaves nothing to compare, right recorded 2 revolutions: expected fewer in the map",
+    );
     let (code, document) = recorded.judged("mount.json", &["--time-offset", "100"]);
     assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
     assert!(document["words"].to_string().contains("--time-offset"), "{:#}", document["words"]);

@@ -77,7 +77,9 @@ pub(crate) fn of_only_sensor(
     let name = slot.or(sensor.name.as_ref()).map_or("sensor", String::as_str);
     let entry = entry_of(sensor, name, Mount::default(), &mut Vec::new())?.ok_or_else(|| {
         let product = sensor.product();
-        without(format!("a file that names the model of the sensor: no model of the catalogue is called {product:?}"))
+        without(format!(
+            "a file that names the model of the sensor: no model of the catalogue is called {product:?}"
+        ))
     })?;
     notices.push(format!(
         "{name}: no mount is given; it is level at the origin of the body (--mount FILE places it otherwise)"
@@ -105,8 +107,10 @@ fn entry_of(
 ) -> Result<Option<SensorEntry>, RecordingError> {
     let Some(model) = sensor.model() else { return Ok(None) };
     let product = sensor.product();
-    let mut known = catalogue::names().into_iter();
-    let Some(model) = known.find(|known| is_model(known, &product, &model.name)) else {
+    let known = catalogue::names();
+    let by_name = known.iter().find(|known| **known == model.name);
+    let Some(model) = by_name.or_else(|| known.iter().find(|known| is_model(known, &product, &model.name)))
+    else {
         notices.push(format!("{name}: a {product} is not in the catalogue of sensors: give --mount"));
         return Ok(None);
     };
