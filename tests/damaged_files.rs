@@ -174,10 +174,6 @@ fn mounts_and_configs() {
     });
 }
 
-fn text(path: &Path) -> Result<String, String> {
-    Ok(String::from_utf8_lossy(&std::fs::read(path).map_err(|error| error.to_string())?).into_owned())
-}
-
 /// What was read from text alone does not know the file's name.
 fn named<T>(path: &Path, outcome: Result<T, impl std::fmt::Display>) -> Result<(), String> {
     outcome.map(drop).map_err(|error| format!("{}: {error}", path.display()))

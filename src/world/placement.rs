@@ -12,10 +12,10 @@ const SLACK_M: f64 = 1e-6;
 const MOST_MISPLACED: f64 = 0.5;
 /// A path this far above everything is of another frame, m.
 const FARTHEST_ABOVE_M: f64 = 100.0;
-/// Walls between points of a path from which on the scene has another size; doors that the mesh has closed are fewer.
-const LEAST_WALLS: usize = 4;
-/// Share of these walls that a path may meet in the right unit.
-const MOST_WALLS_LEFT: f64 = 0.2;
+/// Walls that a path goes through from which on another unit is tried; in the right one it goes through none.
+const LEAST_WALLS: usize = 2;
+/// Share of the mesh's longer side that the path then goes along: a short one misses walls in any unit.
+const LEAST_SHARE: f64 = 0.5;
 /// How high a rig is carried above the floor, and how high rooms are, m.
 const CARRIED_M: std::ops::RangeInclusive<f64> = 1.1..=2.1;
 const ROOMS_M: std::ops::RangeInclusive<f64> = 2.1..=4.5;
@@ -96,13 +96,16 @@ fn through_walls(scene: &Scene, path_m: &[DVec3], origin: LocalOrigin) -> Option
     let path_feet: Vec<DVec3> = path_m.iter().map(in_feet).collect();
     let [low, high] = mesh.bounds_m();
     let is_inside = path_feet.iter().all(|at| at.cmpge(low).all() && at.cmple(high).all());
-    let walls_left = met(&path_feet);
-    (is_inside && walls_left as f64 <= MOST_WALLS_LEFT * walls as f64).then(|| {
+    let longer = if high.x - low.x > high.y - low.y { 0 } else { 1 };
+    let along = path_feet.iter().map(|at| at[longer]);
+    let went = along.clone().fold(f64::MIN, f64::max) - along.fold(f64::MAX, f64::min);
+    let is_long = went >= LEAST_SHARE * (high - low)[longer];
+    (is_inside && is_long && met(&path_feet) == 0).then(|| {
         let [read, other] = [high - low, (high - low) * foot.metres()]
             .map(|size| format!("{:.1} x {:.1} x {:.1} m", size.x, size.y, size.z));
         format!(
             "the path goes through surfaces of the mesh of {read} {walls} times; read in feet (--mesh-unit {}), it would be {other}, \
-             and the path would go through {walls_left}",
+             and the path would go through none",
             foot.name()
         )
     })
@@ -218,7 +221,7 @@ mod tests {
         assert!(
             mixed[0].contains("mesh of 65.6 x 9.8 x 7.9 m")
                 && mixed[0].contains(
-                    "--mesh-unit ft), it would be 20.0 x 3.0 x 2.4 m, and the path would go through 0"
+                    "--mesh-unit ft), it would be 20.0 x 3.0 x 2.4 m, and the path would go through none"
                 ),
             "{mixed:?}"
         );
