@@ -163,7 +163,7 @@ fn a_missing_or_wrong_file_is_named() {
         (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),
         (&["boresight", "Cargo.toml"], "Cargo.toml is no capture"),
         (&["compare", "Cargo.toml", "--room=-5,-4,0,5,4,3"], "Cargo.toml is no capture"),
-        (&["boresight", &capture], "empty.pcap: give --mount"),
+        (&["boresight", &capture], "empty.pcap: no LiDAR data was decoded"),
         (&elsewhere, "expected a session, a mesh (.obj, .ply, .stl, .gltf, .glb, .off) or a cloud (.ply"),
         (&["rig", "status", "--port", "Cargo.toml"], "cannot open Cargo.toml: it is no serial device"),
         (

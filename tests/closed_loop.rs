@@ -274,8 +274,8 @@ fn range_noise_shows_as_noise() {
 /// Real walls, furniture and openings: single and dual returns, fine and coarse ranges, both makers.
 fn a_furnished_house_closes_the_loop() {
     let mesh = outrigger::world::scene::load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
-    let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
-    let here = Trajectory::from_tum(&text).unwrap().at(10_000_000_000).unwrap().translation_m;
+    let walk = std::fs::read(shared("reference/validation/house_trajectory.tum")).unwrap();
+    let here = Trajectory::read(&walk, None).unwrap().trajectory.at(10_000_000_000).unwrap().translation_m;
     let walk = Trajectory::straight(here, here + DVec3::new(0.12, 0.09, 0.0), 1.0, START_NS);
     let scene = Scene::Mesh(std::sync::Arc::new(mesh));
     let exact = Place { scene: scene.clone(), walk: walk.clone(), past_edges: 0.0, open_cells: 0.3 };

@@ -14,7 +14,6 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("meshes", meshes),
     case("clouds", clouds),
-    case("ways", ways),
     case("tables_of_poses", tables_of_poses),
     case("mounts_and_configs", mounts_and_configs),
 ];
@@ -141,15 +140,6 @@ fn clouds() {
     feed("a.e57", &std::fs::read(&path).unwrap(), read);
 }
 
-fn ways() {
-    feed("a.tum", b"# t x y z qx qy qz qw\n1.5 0 0 1 0 0 0 1\n2.5 1 0 1 0 0 0.1 0.99\n", |path| {
-        named(path, Trajectory::from_tum(&text(path)?))
-    });
-    feed("a.kitti", b"1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 0 0 0 1 0\n", |path| {
-        named(path, Trajectory::from_kitti(&text(path)?, 10.0))
-    });
-}
-
 fn tables_of_poses() {
     let read: Reader = |path| {
         let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
@@ -182,10 +172,6 @@ fn mounts_and_configs() {
     feed("rig.toml", config, |path| {
         outrigger::live::config::Config::read(path).map(drop).map_err(|error| error.to_string())
     });
-}
-
-fn text(path: &Path) -> Result<String, String> {
-    Ok(String::from_utf8_lossy(&std::fs::read(path).map_err(|error| error.to_string())?).into_owned())
 }
 
 /// What was read from text alone does not know the file's name.

@@ -317,7 +317,7 @@ fn odometry_saves_its_map() {
     let (session, tum, map) = (room.text("walk"), room.text("found.tum"), room.path("map.npy"));
     let (document, words) = ran(0, &["odometry", &session, "-o", &tum, "--map", map.to_str().unwrap()]);
     assert!(!words.contains("outside of the trajectory"), "{words}");
-    let found = Trajectory::from_tum(&std::fs::read_to_string(&tum).unwrap()).unwrap();
+    let found = Trajectory::read(&std::fs::read(&tum).unwrap(), None).unwrap().trajectory;
     let points = rows(&map);
     let [first_ns, last_ns] = found.time_span_ns();
     assert!(points.iter().all(|point| (first_ns..=last_ns).contains(&point.time_ns)));
@@ -508,7 +508,7 @@ fn planes_are_thinner() {
         let frames = document["sensors"][0]["frames"].as_array().unwrap();
         frames.iter().map(|frame| frame["first_time_ns"].as_u64().unwrap()).collect()
     };
-    let given = Trajectory::from_kitti(&std::fs::read_to_string(&kitti).unwrap(), 10.0).unwrap();
+    let given = Trajectory::read(&std::fs::read(&kitti).unwrap(), Some(10.0)).unwrap().trajectory;
     let given: Vec<Pose> = given.stamped().map(|(_, pose)| pose).collect();
     let frozen = plain.iter().map(|row| {
         let number = begun.partition_point(|at| *at <= row.time_ns) - 1;

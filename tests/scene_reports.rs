@@ -360,6 +360,15 @@ fn a_mesh_is_asked_for_its_unit_and_axis() {
     folder.write("room.obj", room(100.0, false).as_bytes());
     let doubted = folder.document(&all(&["--voxel", "5"]))["warnings"].to_string();
     assert!(doubted.contains("300 m high") && doubted.contains("--mesh-unit cm"), "{doubted}");
+    folder.write("room.obj", room(1.0 / 0.0254, false).as_bytes());
+    let doubted = folder.document(&all(&["--voxel", "5"]))["warnings"].to_string();
+    assert!(
+        doubted.contains("118 m high") && doubted.contains("in inches it would be 6.00 x 4.00 x 3.00 m"),
+        "{doubted}"
+    );
+    // as high as a hall, and as a room in feet
+    folder.write("room.obj", room(3.2808, false).as_bytes());
+    assert!(!folder.document(&all(&[]))["warnings"].to_string().contains("--mesh-unit"));
     folder.write("room.obj", room(1.0, true).as_bytes());
     let turned = folder.document(&all(&["--up", "y"]));
     assert_eq!(turned["completeness"], plain["completeness"]);

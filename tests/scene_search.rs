@@ -77,8 +77,8 @@ fn reference() -> Reference {
 fn site(voxel_m: f64) -> ViewSite {
     let mesh = load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
     let scene = Scene::Mesh(std::sync::Arc::new(mesh));
-    let walk = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
-    let trajectory = Trajectory::from_tum(&walk).unwrap();
+    let walk = std::fs::read(shared("reference/validation/house_trajectory.tum")).unwrap();
+    let trajectory = Trajectory::read(&walk, None).unwrap().trajectory;
     ViewSite {
         grid: VoxelGrid::centred_on(scene.bounds_m(), voxel_m),
         scene,

@@ -105,7 +105,8 @@ fn trajectory(
         }
         None => {
             if let Some(own) = recorded.own_trajectory()? {
-                return Ok(own);
+                problems.extend(own.notes);
+                return Ok(own.trajectory);
             }
         }
     }

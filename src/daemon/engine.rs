@@ -224,7 +224,7 @@ impl Daemon {
             config,
             mount: site.mount.clone(),
             calibrations: site.calibrations.clone(),
-            trajectory: site.trajectory.clone().filter(|_| !site.starts_with_recording),
+            trajectory: site.recorded_trajectory(),
         };
         let recorder = Recorder::start(
             recorder,

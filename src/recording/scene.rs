@@ -164,11 +164,11 @@ impl Making {
     ) -> Result<Vec<String>, SceneError> {
         let mut session = Session::open(path)?;
         let file = session.mount()?.ok_or_else(|| SceneError::NoMount { path: path.to_owned() })?;
-        let own_or_given = match trajectory {
-            Some(given) => Some(given),
-            None => session.trajectory()?,
+        let (trajectory, notes) = match (trajectory, session.trajectory()?) {
+            (Some(given), _) => (given, Vec::new()),
+            (None, Some(own)) => (own.trajectory, own.notes),
+            (None, None) => return Err(SceneError::NoTrajectory { path: path.to_owned() }),
         };
-        let trajectory = own_or_given.ok_or_else(|| SceneError::NoTrajectory { path: path.to_owned() })?;
         let rig = file.rig()?;
         let mut notices = host_clock::settle(&mut session, &rig, observer)?;
         let measured = tilts(&session, &rig, &AxisZeros::default())?;
@@ -178,7 +178,8 @@ impl Making {
             MountedSession { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
         let advance = (observer.stage)("making a map of the session");
         let pass = feed_session(&mounted_session, &advance, &mut take)?;
-        Ok(notices.iter().chain(&pass.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
+        let of_session = notices.iter().chain(&pass.losses).map(|loss| format!("{}: {loss}", path.display()));
+        Ok(notes.into_iter().chain(of_session).collect())
     }
 
     /// The map alone, of frames that a caller chose.

@@ -10,7 +10,7 @@ use super::{SessionError, clock, disk, file};
 use crate::base::files;
 use crate::live::clocks::host::{HostStep, StepsUndone};
 use crate::rig::{MountFile, MountFileError};
-use crate::world::trajectory::Trajectory;
+use crate::world::trajectory::{ReadTrajectory, Trajectory};
 
 /// A session that was opened for reading.
 #[derive(Clone, Debug)]
@@ -122,11 +122,18 @@ impl Session {
         Ok(Some(clock::steps_of(&self.events()?)))
     }
 
-    /// Where the platform was, if the session knows.
-    pub fn trajectory(&self) -> Result<Option<Trajectory>, SessionError> {
-        let Some(text) = self.text(file::TRAJECTORY)? else { return Ok(None) };
-        let wrong = |reason: String| SessionError::Content { path: self.dir.join(file::TRAJECTORY), reason };
-        Trajectory::from_tum(&text).map(Some).map_err(|error| wrong(error.to_string()))
+    /// Where the platform was, if the session knows: one that SLAM found later may have been put there, so it is read as any
+    /// trajectory file. Notes begin with the file's name.
+    pub fn trajectory(&self) -> Result<Option<ReadTrajectory>, SessionError> {
+        let Some(bytes) = self.bytes(file::TRAJECTORY)? else { return Ok(None) };
+        let path = self.dir.join(file::TRAJECTORY);
+        match Trajectory::read(&bytes, None) {
+            Ok(mut read) => {
+                read.notes.iter_mut().for_each(|note| *note = format!("{}: {note}", path.display()));
+                Ok(Some(read))
+            }
+            Err(error) => Err(SessionError::Content { path, reason: error.to_string() }),
+        }
     }
 
     /// Where the sensors sit, if the session knows.
@@ -146,31 +153,30 @@ impl Session {
     pub fn metadata(&self, sensor: &str) -> Result<Option<String>, SessionError> {
         let entry = self.manifest.sensors.iter().find(|entry| entry.name == sensor);
         match entry.and_then(|entry| entry.metadata.as_deref()) {
-            Some(relative) => self.text(relative),
+            Some(relative) => {
+                let bytes = self.bytes(relative)?;
+                let unreadable = |error| SessionError::io(&self.dir.join(relative), "cannot be read", error);
+                bytes.map(files::text).transpose().map_err(unreadable)
+            }
             None => Ok(None),
         }
     }
 
-    fn text(&self, relative: &str) -> Result<Option<String>, SessionError> {
-        let path = self.dir.join(relative);
-        match files::read_inside(&self.dir, relative).and_then(files::text) {
-            Ok(text) => Ok(Some(text)),
+    fn bytes(&self, relative: &str) -> Result<Option<Vec<u8>>, SessionError> {
+        match files::read_inside(&self.dir, relative) {
+            Ok(bytes) => Ok(Some(bytes)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(SessionError::io(&path, "cannot be read", error)),
+            Err(error) => Err(SessionError::io(&self.dir.join(relative), "cannot be read", error)),
         }
     }
 
     fn lines<T: serde::de::DeserializeOwned>(&self, relative: &str) -> Result<Vec<T>, SessionError> {
-        let path = self.dir.join(relative);
-        let content = match files::read_inside(&self.dir, relative) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-            other => other.map_err(|error| SessionError::io(&path, "cannot be read", error))?,
-        };
+        let Some(content) = self.bytes(relative)? else { return Ok(Vec::new()) };
         let mut values = Vec::new();
         for (index, line) in content.split_inclusive(|byte| *byte == b'\n').enumerate() {
             let Some(whole) = line.strip_suffix(b"\n") else { break };
             let value = serde_json::from_slice(whole).map_err(|error| SessionError::Content {
-                path: path.clone(),
+                path: self.dir.join(relative),
                 reason: format!("line {}: {error}", index + 1),
             })?;
             values.push(value);

@@ -90,11 +90,11 @@ fn main() {
         std::env::var_os("OUTRIGGER_SHARED").map_or_else(|| PathBuf::from("../shared"), PathBuf::from);
     let (house, way) =
         (shared.join("scenes/house.ply"), shared.join("reference/validation/house_trajectory.tum"));
-    let Ok(text) = std::fs::read_to_string(&way) else {
+    let Ok(bytes) = std::fs::read(&way) else {
         println!("LEFT OUT: no {} (OUTRIGGER_SHARED)", way.display());
         return;
     };
-    let whole = Trajectory::from_tum(&text).unwrap();
+    let whole = Trajectory::read(&bytes, None).unwrap().trajectory;
     let [start_ns, _] = whole.time_span_ns();
     let end_ns = start_ns.saturating_add((1e9 * environment("OUTRIGGER_BENCH_SECONDS", 1e6)) as u64);
     let way = Trajectory::new(whole.stamped().filter(|(time_ns, _)| *time_ns <= end_ns).collect()).unwrap();

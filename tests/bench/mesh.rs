@@ -164,8 +164,8 @@ fn read_ply(path: &Path) -> hall::Soup {
 /// Two OS1-64 carried through the house: 51 million rays against a million samples, on two threads.
 fn completeness(house: &Path, reference: &Path) {
     let mesh = load_mesh(house, None, None).expect("the house").mesh;
-    let text = std::fs::read_to_string(reference.join("house_trajectory.tum")).expect("its walk");
-    let walk = Trajectory::from_tum(&text).expect("a trajectory");
+    let walk = std::fs::read(reference.join("house_trajectory.tum")).expect("its walk");
+    let walk = Trajectory::read(&walk, None).expect("a trajectory").trajectory;
     let samples = SurfaceSamples::of_mesh(&mesh, 1_000_000, 0);
     let scene = Scene::Mesh(Arc::new(mesh));
     let mut fan = BeamFan::nominal(&sensors::catalogue::nominal("os1-64").expect("a model"), COLUMNS, 10.0);

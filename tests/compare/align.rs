@@ -466,7 +466,7 @@ pub fn odometry_is_written_in_the_scene_s_frame() {
     let output = files.run("odometry", &["--scene", "room.obj", "-o", "found.tum"]);
     let messages = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{messages}");
-    let found = Trajectory::from_tum(&std::fs::read_to_string(files.path("found.tum")).unwrap()).unwrap();
+    let found = Trajectory::read(&std::fs::read(files.path("found.tum")).unwrap(), None).unwrap().trajectory;
     for (time_ns, pose) in found.stamped() {
         let Some(truth) = files.truth.at(time_ns) else { continue };
         let (off_m, turn_rad) =

@@ -82,8 +82,7 @@ pub fn odometry_agrees_with_the_poses() {
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let read = |path: &std::path::Path| {
-        let text = std::fs::read_to_string(path).unwrap();
-        Trajectory::from_kitti(&text, 10.0).unwrap()
+        Trajectory::read(&std::fs::read(path).unwrap(), Some(10.0)).unwrap().trajectory
     };
     let [found, given] = [read(&kitti), read(&shared(&format!("{capture}_poses_kitti.txt")))];
     // theirs count from the middle of the first revolution

@@ -361,7 +361,11 @@ pub fn what_is_wrong_with_the_input_is_said() {
     assert_eq!((output.status.code(), &document["verdict"]), (Some(3), &Value::from("differs")));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("no corrected mount is written") && !corrected.exists(), "{said}");
-    fails(&["--map-frames", "0..9"], &[], "leaves nothing to compare: right recorded 2 revolutions");
+    fails(
+        &["--map-frames", "0..9"],
+        &[],
+        "leaves nothing to compare, right recorded 2 revolutions: expected fewer in the map",
+    );
     let (code, document) = recorded.judged("mount.json", &["--time-offset", "100"]);
     assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
     assert!(document["words"].to_string().contains("--time-offset"), "{:#}", document["words"]);
@@ -424,10 +428,10 @@ pub fn a_walk_is_found_by_odometry() {
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&document["format"], &document["sweeps"]), (&"outrigger-odometry/1".into(), &12.into()));
     assert_eq!(document["loose_sweeps"], 0, "{:#}", document["steps"]);
-    let found = Trajectory::from_tum(&std::fs::read_to_string(&tum).unwrap()).unwrap();
+    let found = Trajectory::read(&std::fs::read(&tum).unwrap(), None).unwrap().trajectory;
     let off_m = apart_m(&found, &said());
     assert!(off_m < 0.03, "{off_m:.4} m apart after {} m", found.length_m());
-    let begun = Trajectory::from_kitti(&std::fs::read_to_string(&kitti).unwrap(), 10.0).unwrap();
+    let begun = Trajectory::read(&std::fs::read(&kitti).unwrap(), Some(10.0)).unwrap().trajectory;
     // the last column of the walk begins a thirteenth revolution
     assert_eq!(begun.stamped().count(), 13, "one pose per revolution");
     let second = begun.stamped().nth(5).unwrap().1;

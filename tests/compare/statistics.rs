@@ -94,10 +94,10 @@ struct House {
 impl House {
     fn read() -> Self {
         let mesh = load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
-        let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
+        let walk = std::fs::read(shared("reference/validation/house_trajectory.tum")).unwrap();
         Self {
             scene: Scene::Mesh(Arc::new(mesh)),
-            way: Trajectory::from_tum(&text).unwrap(),
+            way: Trajectory::read(&walk, None).unwrap().trajectory,
             said: pair("os1-64", 32.7),
         }
     }

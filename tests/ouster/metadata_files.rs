@@ -32,6 +32,10 @@ pub fn metadata_of_every_age_is_read() {
     assert_eq!((gen1.profile, gen1.columns_per_frame, gen1.columns_per_packet), (Profile::Legacy, 1024, 16));
     assert_eq!(gen1.pixel_shift_by_row[..8], [18, 12, 6, 0, 18, 12, 6, 0]);
     assert_eq!((gen1.lidar_port, gen1.imu_port), (Some(60823), Some(60023)));
+    // the first ones do not state their product: beams say it
+    let unnamed = metadata("captures/ouster/ouster_example.json");
+    assert_eq!((unnamed.product_line.as_str(), unnamed.model.name.as_str()), ("", "os1-64-gen1"));
+    assert_eq!(unnamed.model.max_range_m, 120.0);
     let reduced = of("ouster-studio-reduced-config-v1");
     assert_eq!(reduced.columns_per_frame, 2048);
     assert_eq!(reduced.pixel_shift_by_row[..4], [36, 24, 12, 0]);

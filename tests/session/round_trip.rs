@@ -93,7 +93,18 @@ pub fn servo_reports_and_events_come_back() {
     assert!(writer.write_event(&1).unwrap_err().to_string().contains("closed"));
     let session = Session::open(folder.path()).unwrap();
     assert_eq!(session.problems(), [""; 0]);
-    assert_eq!(session.trajectory().unwrap().unwrap(), path);
+    assert_eq!(session.trajectory().unwrap().unwrap().trajectory, path);
+    // one that was put there later is read as any other
+    let own = folder.path().join(file::TRAJECTORY);
+    std::fs::write(&own, "\u{feff}# SLAM\r\n5,0,0,1,0,0,0,1\r\n5,0,0,1,0,0,0,1\r\n6,1,0,1,0,0,0,1\r\n")
+        .unwrap();
+    let read = session.trajectory().unwrap().unwrap();
+    assert_eq!((read.trajectory.time_span_ns(), read.notes.len()), ([5_000_000_000, 6_000_000_000], 1));
+    assert!(
+        read.notes[0].starts_with(&format!("{}: 1 pose with the time", own.display())),
+        "{:?}",
+        read.notes
+    );
     assert_eq!(session.mount().unwrap().unwrap(), mount);
     assert_eq!(session.metadata("left").unwrap().as_deref(), Some("{\"a\":1}"));
     assert_eq!(session.metadata("right").unwrap(), None);

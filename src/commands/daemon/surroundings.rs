@@ -37,9 +37,11 @@ pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> a
         let origin = *origin.get_or_insert_with(|| LocalOrigin::of_box(trajectory.bounds_m()));
         site.trajectory = Some(origin.local_trajectory(trajectory));
     }
-    if let Some(line) = origin.map(LocalOrigin::line).filter(|line| !line.is_empty()) {
-        tracing::info!("{}; what the daemon shows is around it", line.trim_end());
+    site.origin = origin.unwrap_or_default();
+    if !site.origin.line().is_empty() {
+        tracing::info!("{}; what the daemon shows is around it", site.origin.line().trim_end());
     }
+    site.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
     let words =
         "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml";
     let lacks_trajectory = args.trajectory_starts_with_recording && args.trajectory.is_none();

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::commands::{Context, ensure_consistent, output, wrong_usage};
+use crate::recording::read_trajectory;
 use crate::study::shard::{Plan, Shard};
 use crate::study::submit::Engine;
 use crate::study::{STUDIES, Size, Study};
@@ -117,6 +118,9 @@ pub(super) fn make_plan(args: &Args, study: &dyn Study, folder: &Path) -> anyhow
             ),
         ),
     ])?;
+    if let Some(path) = &size.trajectory {
+        read_trajectory(path, None)?.1.iter().for_each(|note| output::say_notice(note));
+    }
     let is_without_scene = size.scene.is_none();
     let plan = Plan::new(study, size).map_err(|error| match is_without_scene {
         // nothing was read: what is missing is missing from the command line

@@ -126,8 +126,9 @@ fn whereabouts(args: &Args) -> anyhow::Result<(Option<MountFile>, Option<Traject
         }
         None => {
             let own = session.as_ref().map(Session::trajectory).transpose()?.flatten();
+            own.iter().flat_map(|own| &own.notes).for_each(|note| say_notice(note));
             let source = own.is_some().then(|| "trajectory of the session".to_owned());
-            (own, source)
+            (own.map(|own| own.trajectory), source)
         }
     };
     Ok((mount, trajectory, source))

@@ -39,7 +39,7 @@ pub(crate) fn compare(
     progress: &dyn Fn(Progress),
     step: &dyn Fn(Step),
 ) -> Result<Compared, DemoError> {
-    let trajectory = session.trajectory()?.ok_or(DemoError::NoTrajectory)?;
+    let trajectory = session.trajectory()?.ok_or(DemoError::NoTrajectory)?.trajectory;
     let tilts = tilts(session, rig, &AxisZeros::default())?.histories;
     // what the axis measured, never its setpoint; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {

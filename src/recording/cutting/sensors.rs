@@ -146,7 +146,9 @@ fn poses(spec: &CuttingSpec, recording: &Recording) -> Result<Option<Poses>, Cut
         return Ok(Some(of_rig(trajectory)));
     }
     if let Some(session) = recording.checked_session() {
-        return Ok(session.trajectory()?.map(of_rig));
+        let read = session.trajectory()?;
+        read.iter().flat_map(|read| &read.notes).for_each(|note| (recording.observer.notice)(note));
+        return Ok(read.map(|read| of_rig(read.trajectory)));
     }
     if !recording.is_bag() {
         return Ok(None);

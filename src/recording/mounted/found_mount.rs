@@ -10,7 +10,9 @@ use crate::live::watch::is_model;
 use crate::recording::Session;
 use crate::recording::bags::{FrameTree, PLATFORM_FRAME, Surroundings};
 use crate::recording::packet_reader::PacketReader;
+use crate::recording::sensor_ids::ids;
 use crate::recording::source::{Recording, RecordingError, look_first};
+use crate::recording::unread::why_nothing;
 use crate::rig::{Mount, MountFile, MountedSensor, SensorEntry};
 
 /// The mounts of all sensors of a bag with packets; none where its static transforms lack one of them. What was concluded goes
@@ -46,22 +48,43 @@ pub(crate) fn of_bag(
     Ok((!entries.is_empty()).then(|| MountFile::new(entries)))
 }
 
-/// A single sensor is the body: level at its origin. None where the recording has several.
+/// A single sensor is the body: level at its origin.
 pub(crate) fn of_only_sensor(
     recording: &Recording,
     session: Option<&Session>,
     notices: &mut Vec<String>,
-) -> Result<Option<MountFile>, RecordingError> {
+) -> Result<MountFile, RecordingError> {
     let slots = session.map_or(&[][..], |session| &session.manifest().sensors);
-    let router = first_sensors(recording)?;
-    let ([sensor], [] | [_]) = (router.sensors(), slots) else { return Ok(None) };
+    let mut router = first_sensors(recording)?;
+    if router.sensors().is_empty() {
+        router = recording.router()?;
+        let ending = recording.each_packet(&mut |packet| {
+            router.push(packet, &mut |_, _, _| {});
+        })?;
+        router.finish(&mut |_, _, _| {});
+        if router.sensors().is_empty() {
+            return Err(RecordingError::NothingRead(why_nothing(recording, &router, &ending)));
+        }
+    }
+    let without = |why| RecordingError::NoMount { recording: recording.name(), why };
+    let ([sensor], [] | [_]) = (router.sensors(), slots) else {
+        let of_session: Vec<String> = slots.iter().map(|slot| slot.name.clone()).collect();
+        let names = if of_session.is_empty() { ids(&router) } else { of_session };
+        let (count, names) = (names.len(), names.join(", "));
+        return Err(without(format!("a file that says where its {count} sensors sit: {names}")));
+    };
     let slot = slots.first().map(|slot| &slot.name);
     let name = slot.or(sensor.name.as_ref()).map_or("sensor", String::as_str);
-    let Some(entry) = entry_of(sensor, name, Mount::default(), notices)? else { return Ok(None) };
+    let entry = entry_of(sensor, name, Mount::default(), &mut Vec::new())?.ok_or_else(|| {
+        let product = sensor.product();
+        without(format!(
+            "a file that names the model of the sensor: no model of the catalogue is called {product:?}"
+        ))
+    })?;
     notices.push(format!(
         "{name}: no mount is given; it is level at the origin of the body (--mount FILE places it otherwise)"
     ));
-    Ok(Some(MountFile::new(vec![entry])))
+    Ok(MountFile::new(vec![entry]))
 }
 
 /// What a look at the first packets finds: a Velodyne's say which model it is.
@@ -84,8 +107,10 @@ fn entry_of(
 ) -> Result<Option<SensorEntry>, RecordingError> {
     let Some(model) = sensor.model() else { return Ok(None) };
     let product = sensor.product();
-    let mut known = catalogue::names().into_iter();
-    let Some(model) = known.find(|known| is_model(known, &product, &model.name)) else {
+    let known = catalogue::names();
+    let by_name = known.iter().find(|known| **known == model.name);
+    let Some(model) = by_name.or_else(|| known.iter().find(|known| is_model(known, &product, &model.name)))
+    else {
         notices.push(format!("{name}: a {product} is not in the catalogue of sensors: give --mount"));
         return Ok(None);
     };

@@ -26,7 +26,7 @@ use super::source::{Recording, RecordingError};
 use super::{ServoReport, Session};
 use crate::base::geometry::Pose;
 use crate::rig::{MountFile, Rig};
-use crate::world::trajectory::Trajectory;
+use crate::world::trajectory::{ReadTrajectory, Trajectory};
 use axes::{contradicted, reports_of};
 use capture::feed_capture;
 
@@ -86,7 +86,7 @@ impl MountedRecording {
     }
 
     /// The trajectory that it holds itself.
-    pub(crate) fn own_trajectory(&self) -> Result<Option<Trajectory>, RecordingError> {
+    pub(crate) fn own_trajectory(&self) -> Result<Option<ReadTrajectory>, RecordingError> {
         match &self.source {
             Source::Session { session, .. } => Ok(session.trajectory()?),
             Source::Capture(_) => Ok(None),

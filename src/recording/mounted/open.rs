@@ -34,10 +34,8 @@ impl MountedRecording {
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let recording = Recording::open(&spec.recording.clone().reread())?;
         let mut notices = Vec::new();
-        match found_mount::of_only_sensor(&recording, session.as_ref(), &mut notices)? {
-            Some(mount) => Self::mounted(spec, mount, (session, Some(recording)), notices),
-            None => Err(RecordingError::NoMount { recording: path.display().to_string() }),
-        }
+        let mount = found_mount::of_only_sensor(&recording, session.as_ref(), &mut notices)?;
+        Self::mounted(spec, mount, (session, Some(recording)), notices)
     }
 
     /// The same; none without mounts.

@@ -84,8 +84,8 @@ pub(crate) enum RecordingError {
         "--model: {recording} is a session, which names the models of its sensors; give --model to a capture"
     )]
     ModelOfSession { recording: String },
-    #[error("{recording}: give --mount: the recording does not say where its sensors sit")]
-    NoMount { recording: String },
+    #[error("{recording}: give --mount, {why}")]
+    NoMount { recording: String, why: String },
     #[error(
         "{recording} holds several sensors, and nothing says where they sit: give --mount, or choose one with --sensor ({notices})"
     )]

@@ -6,11 +6,11 @@ use super::models::{Model, box_scores, scene_scores};
 use crate::base::rng::Rng;
 use crate::design::fidelity::SceneLadder;
 use crate::design::objective::{Objective, Weights};
+use crate::recording::read_trajectory;
 use crate::rig::Mount;
 use crate::simulate::published::{Experiment, Placement, Preset, Simulator};
 use crate::study::{StudyError, walks};
-use crate::world::scene::{Scene, load_mesh};
-use crate::world::trajectory::Trajectory;
+use crate::world::scene::{LoadedMesh, Scene, load_mesh};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -69,15 +69,12 @@ impl Case {
 
 /// The mesh with a walk through it, a straight one where none is given.
 fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneLadder, StudyError> {
-    let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
+    let LoadedMesh { mesh, origin, .. } = load_mesh(path, None, None).map_err(StudyError::of)?;
+    let scene = Scene::Mesh(Arc::new(mesh));
     let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
-    let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
     let walk = match trajectory {
-        Some(file) => {
-            let text = crate::base::files::read_text(file).map_err(|error| of(file, &error))?;
-            Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
-        }
-        None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,
+        Some(file) => origin.local_trajectory(read_trajectory(file, None).map_err(StudyError::of)?.0),
+        None => walks::Walk::Straight.through(&scene).map_err(|error| StudyError::at(path, error))?,
     };
     Ok(SceneLadder::new(scene, walk, &model, VOXEL_M))
 }

@@ -66,7 +66,11 @@ pub(crate) enum ReplayingError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// Silent because nothing of it was left, not because it is dead.
-    #[error("--map-frames 0..{mapped} leaves nothing to compare: {sensor} recorded {frames} revolutions")]
+    #[error(
+        "--map-frames 0..{mapped} leaves nothing to compare, {sensor} recorded {frames} {}: expected fewer in the map; a single one \
+         can be compared with another session or a mesh (--scene)",
+        if *.frames == 1 { "revolution" } else { "revolutions" }
+    )]
     UsedUp { sensor: String, frames: u64, mapped: u64 },
 }
 

@@ -158,7 +158,10 @@ pub struct Walked {
 #[derive(Debug, thiserror::Error)]
 pub enum OdometryError {
     /// One sweep has nothing to be laid against.
-    #[error("{sweeps} revolutions with at least {LEAST_POINTS} returns: odometry needs two")]
+    #[error(
+        "{sweeps} {} with at least {LEAST_POINTS} returns, odometry needs two: record longer; a rig at rest needs no trajectory",
+        if *.sweeps == 1 { "revolution" } else { "revolutions" }
+    )]
     TooFew {
         /// Usable sweeps.
         sweeps: usize,

@@ -40,7 +40,10 @@ pub(super) fn find_trajectory(
     };
     let Some(path) = &spec.trajectory else {
         return match recorded.own_trajectory()? {
-            Some(own) => Ok(Found::Elsewhere(own)),
+            Some(own) => {
+                notices.extend(own.notes);
+                Ok(Found::Elsewhere(own.trajectory))
+            }
             None if spec.map_of.is_some() => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
             None => {
                 notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));

@@ -9,7 +9,7 @@ use crate::recording::export::Format;
 use crate::recording::mounted::{AxisZeros, Mounts, each_frame, revolutions_ns};
 use crate::recording::registered::{Registration, Target, TimeOffset};
 use crate::recording::{Recording, read_trajectory};
-use crate::world::trajectory::{Trajectory, suspicions};
+use crate::world::trajectory::{ReadTrajectory, Trajectory, suspicions};
 
 /// A trajectory and how its times count.
 struct Found {
@@ -55,7 +55,10 @@ fn stated(
     let own = recording.checked_session().map(|session| session.trajectory()).transpose()?.flatten();
     let target = match (&spec.trajectory, own) {
         (None, None) => stay,
-        (None, Some(trajectory)) => Target::SensorOnTrajectory { trajectory, offset: spec.time_offset },
+        (None, Some(ReadTrajectory { trajectory, notes })) => {
+            notices.extend(notes);
+            Target::SensorOnTrajectory { trajectory, offset: spec.time_offset }
+        }
         (Some(path), _) => {
             let found = find(Some(path), spec.time_offset, recording, &mut mounts)?;
             notices.extend(found.notices);
@@ -96,8 +99,8 @@ fn find(
 fn own(offset: TimeOffset, recording: &Recording) -> Result<Found, WalkError> {
     if let Some(session) = recording.checked_session() {
         let without = || WalkError::SessionWithout { recording: recording.name() };
-        let trajectory = session.trajectory()?.ok_or_else(without)?;
-        return Ok(Found { trajectory, offset, notices: Vec::new() });
+        let ReadTrajectory { trajectory, notes } = session.trajectory()?.ok_or_else(without)?;
+        return Ok(Found { trajectory, offset, notices: notes });
     }
     if !recording.is_bag() {
         return Err(WalkError::CaptureWithout { recording: recording.name() });

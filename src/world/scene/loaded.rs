@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use glam::DVec3;
 use serde::Serialize;
 
 use super::map_builder::MadeMap;
@@ -10,8 +11,11 @@ use super::mesh_file::plausible_units;
 use super::{LoadedMesh, MapSummary, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
 use crate::world::local_origin::LocalOrigin;
 
-/// A mesh higher than this, m, may be in another unit where none is stated.
+/// A mesh higher than this, m, may be in another unit where none is stated; so may one with rooms higher than this.
 const HIGH_M: f64 = 100.0;
+const HIGH_ROOM_M: f64 = 40.0;
+/// Places along x and y at which rooms are measured.
+const PLACES: u32 = 8;
 
 /// A scene and the notes on it.
 pub(crate) struct LoadedScene {
@@ -85,14 +89,16 @@ impl MeshFile {
             load_mesh(path, unit, up)?;
         let is_gltf = ["gltf", "glb"].contains(&crate::base::files::ending(path).as_str());
         let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
-        if unit.is_none() && extent.z > HIGH_M {
+        let room_m = rooms_m(&mesh).unwrap_or(0.0);
+        if unit.is_none() && (extent.z > HIGH_M || room_m > HIGH_ROOM_M) {
             let units = plausible_units((extent / read_unit.metres()).to_array());
             let likely = units.first().map_or(String::new(), |unit| format!(" {}", unit.name()));
             let other = format!("{likely}{}", MeshUnit::offer(&units, extent / read_unit.metres()));
             warnings.push(format!(
-                "{}: the mesh is {:.0} m high: if the file is in another unit, pass --mesh-unit{other}",
+                "{}: {} {:.0} m high: if the file is in another unit, pass --mesh-unit{other}",
                 path.display(),
-                extent.z
+                if room_m > HIGH_ROOM_M { "rooms of the mesh are" } else { "the mesh is" },
+                if room_m > HIGH_ROOM_M { room_m } else { extent.z }
             ));
         }
         let summary = MeshSummary {
@@ -112,6 +118,17 @@ impl MeshFile {
         };
         Ok(Self { mesh: Arc::new(mesh), origin, summary, warnings })
     }
+}
+
+/// From floor to ceiling at half of the places in the plan that have both; none where few have.
+fn rooms_m(mesh: &Mesh) -> Option<f64> {
+    let [low_m, high_m] = mesh.bounds_m();
+    let share = |place: u32| (f64::from(place) + 0.5) / f64::from(PLACES);
+    let places = (0..PLACES).flat_map(|x| (0..PLACES).map(move |y| DVec3::new(share(x), share(y), 0.5)));
+    let heights = places.filter_map(|place| mesh.clear_height_m(low_m + place * (high_m - low_m)));
+    let mut heights_m: Vec<f64> = heights.map(|[down_m, up_m]| down_m + up_m).collect();
+    let middle = heights_m.len() / 2;
+    (heights_m.len() >= PLACES as usize).then(|| *heights_m.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 impl LoadedScene {

@@ -113,6 +113,12 @@ impl Mesh {
         Some(turned(met.distance_m, met.normal, direction))
     }
 
+    /// How far the floor is below a point, and the ceiling above it, m.
+    pub(crate) fn clear_height_m(&self, at_m: DVec3) -> Option<[f64; 2]> {
+        let distance_m = |direction: DVec3| self.cast(at_m, direction).map(|hit| hit.distance_m);
+        Some([distance_m(DVec3::NEG_Z)?, distance_m(DVec3::Z)?])
+    }
+
     /// First triangles along many rays (unit directions), in the order given. Fastest when neighbours in the slices
     /// are neighbours in space: blocks of 16 rays walk the tree together. `report` gets the index of each ray.
     pub fn cast_many(

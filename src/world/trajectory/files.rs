@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::stamp::TimeUnit;
 use super::{Trajectory, TrajectoryError};
 use crate::base::geometry::Pose;
 
@@ -27,61 +26,6 @@ const NORM_SLACK: f64 = 1e-2;
 const ORTHOGONAL_SLACK: f64 = 1e-2;
 
 impl Trajectory {
-    /// Reads the TUM format. Comments begin with `#`; times are seconds and must increase.
-    ///
-    /// # Errors
-    /// The line of anything that is not eight finite numbers, a time that is negative or does not increase, or a
-    /// quaternion that is no rotation.
-    pub fn from_tum(text: &str) -> Result<Self, TrajectoryError> {
-        let mut stamped: Vec<(u64, Pose)> = Vec::new();
-        for (line, words) in data_lines(text) {
-            let fields: Vec<&str> = words.split_whitespace().collect();
-            if fields.len() != 8 {
-                let found = format!(
-                    "{} fields, expected 8 with blanks between them: timestamp tx ty tz qx qy qz qw",
-                    fields.len()
-                );
-                return Err(TrajectoryError::Line { line, found });
-            }
-            let time_ns = TimeUnit::Second
-                .nanoseconds(fields[0])
-                .ok_or_else(|| line_error(line, format!("{:?} where seconds are expected", fields[0])))?;
-            let n = numbers(&fields[1..], line)?;
-            let rotation = unit_quaternion(DQuat::from_xyzw(n[3], n[4], n[5], n[6]), line)?;
-            if let Some((before, _)) = stamped.last()
-                && time_ns <= *before
-            {
-                let found = format!("time {} after {:.9}, expected later", fields[0], *before as f64 * 1e-9);
-                return Err(TrajectoryError::Line { line, found });
-            }
-            let pose = Pose::new(rotation, DVec3::new(n[0], n[1], n[2]));
-            check_bounds(&stamped, line, (time_ns, pose))?;
-            stamped.push((time_ns, pose));
-        }
-        Self::new(stamped)
-    }
-
-    /// Reads the KITTI format. Its poses have no times: they are `1 / rate_hz` apart, the first at 0.
-    ///
-    /// # Errors
-    /// The line of anything that is not twelve finite numbers with a rotation in them, or a rate that is not above 0.
-    pub fn from_kitti(text: &str, rate_hz: f64) -> Result<Self, TrajectoryError> {
-        check_rate(rate_hz)?;
-        let mut stamped: Vec<(u64, Pose)> = Vec::new();
-        for (line, words) in data_lines(text) {
-            let fields: Vec<&str> = words.split_whitespace().collect();
-            if fields.len() != 12 {
-                let found = format!("{} fields, expected the 12 of a 3 x 4 matrix", fields.len());
-                return Err(TrajectoryError::Line { line, found });
-            }
-            let pose = rotation_of(&numbers(&fields, line)?, line)?;
-            let time_ns = (stamped.len() as f64 * 1e9 / rate_hz).round() as u64;
-            check_bounds(&stamped, line, (time_ns, pose))?;
-            stamped.push((time_ns, pose));
-        }
-        Self::new(stamped)
-    }
-
     /// The TUM format; times with all nine digits, numbers that read back to the same pose.
     pub fn to_tum(&self) -> String {
         let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
@@ -126,14 +70,6 @@ fn exact(value: f64) -> String {
         small if small < 1e-6 => format!("{value:e}"),
         _ => value.to_string(),
     }
-}
-
-/// Lines with data and their numbers from 1.
-fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    text.lines().enumerate().filter_map(|(index, line)| {
-        let data = line.split('#').next().unwrap_or_default().trim();
-        (!data.is_empty()).then_some((index + 1, data))
-    })
 }
 
 pub(super) fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
@@ -199,14 +135,16 @@ pub(super) fn check_bounds(stamped: &[Stamped], line: usize, next: Stamped) -> R
     let gap_s = next.0.saturating_sub(*before_ns) as f64 * 1e-9;
     if gap_s > LONGEST_GAP_S {
         let found = format!(
-            "{gap_s:.0} s after the pose before it, expected at most {LONGEST_GAP_S} s: correct the time, or cut the              file there"
+            "{gap_s:.0} s after the pose before it, expected at most {LONGEST_GAP_S} s: correct the time, or cut the \
+             file there"
         );
         return Err(line_error(line, found));
     }
     let jump_m = at_m.distance(before.translation_m);
     if jump_m > LONGEST_JUMP_M {
         let found = format!(
-            "{jump_m:.0} m from the pose before it, expected at most {LONGEST_JUMP_M} m: correct the position, or leave              the line out"
+            "{jump_m:.0} m from the pose before it, expected at most {LONGEST_JUMP_M} m: correct the position, or leave the \
+             line out"
         );
         return Err(line_error(line, found));
     }
@@ -221,6 +159,10 @@ pub(super) fn line_error(line: usize, found: String) -> TrajectoryError {
 mod tests {
     use super::*;
 
+    fn read(text: &str, rate_hz: Option<f64>) -> Result<Trajectory, TrajectoryError> {
+        Trajectory::read(text.as_bytes(), rate_hz).map(|read| read.trajectory)
+    }
+
     #[test]
     fn tum_reads_back_to_the_bit() {
         let turn = DQuat::from_rotation_z(0.3) * DQuat::from_rotation_x(-0.1);
@@ -229,7 +171,7 @@ mod tests {
             (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(5e3, 0.0, 1.0))),
         ];
         let trajectory = Trajectory::new(stamped).unwrap();
-        let again = Trajectory::from_tum(&trajectory.to_tum()).unwrap();
+        let again = read(&trajectory.to_tum(), None).unwrap();
         for ((t0, p0), (t1, p1)) in trajectory.stamped().zip(again.stamped()) {
             assert_eq!((t0, p0.translation_m), (t1, p1.translation_m));
             assert!(p0.rotation.angle_between(p1.rotation) < 1e-7);
@@ -241,7 +183,7 @@ mod tests {
         let turn = DQuat::from_rotation_y(1.0) * DQuat::from_rotation_z(2.0);
         let stamped = vec![(0, Pose::IDENTITY), (100_000_000, Pose::new(turn, DVec3::new(1.0, 2.0, 3.0)))];
         let trajectory = Trajectory::new(stamped).unwrap();
-        let again = Trajectory::from_kitti(&trajectory.to_kitti(), 10.0).unwrap();
+        let again = read(&trajectory.to_kitti(), Some(10.0)).unwrap();
         for ((t0, p0), (t1, p1)) in trajectory.stamped().zip(again.stamped()) {
             assert_eq!((t0, p0.translation_m), (t1, p1.translation_m));
             assert!(p0.rotation.angle_between(p1.rotation) < 1e-7);
@@ -250,21 +192,20 @@ mod tests {
 
     #[test]
     fn errors_name_the_line_and_what_was_found() {
-        let tum = |text: &str| Trajectory::from_tum(text).unwrap_err().to_string();
+        let tum = |text: &str| read(text, None).unwrap_err().to_string();
         let good = "# comment\n0.0 0 0 0 0 0 0 1\n";
         for (line, part) in [
             ("0.1 0 0 0 0 0 1\n", "7 fields"),
             ("0.1 0 0 nan 0 0 0 1\n", "\"nan\""),
             ("0.1 0 0 0 0 0 0 2\n", "norm 2.0"),
             ("0.1 0 0 0 0 0 0 0\n", "norm 0.0"),
-            ("0.0 0 0 0 0 0 0 1\n", "expected later"),
             ("-1 0 0 0 0 0 0 1\n", "where seconds are expected"),
         ] {
             let error = tum(&format!("{good}{line}"));
             assert!(error.contains("line 3") && error.contains(part), "{error}");
         }
         assert!(tum("# nothing\n").contains("at least one pose"));
-        let kitti = |text: &str, rate_hz: f64| Trajectory::from_kitti(text, rate_hz).unwrap_err().to_string();
+        let kitti = |text: &str, rate_hz: f64| read(text, Some(rate_hz)).unwrap_err().to_string();
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 1\n", 10.0).contains("11 fields"));
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 -1 0\n", 10.0).contains("no rotation"));
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 1 0\n", 0.0).contains("rate"));
@@ -272,7 +213,7 @@ mod tests {
 
     #[test]
     fn one_pose_far_off_is_refused_with_its_line() {
-        let walk = |line: &str| Trajectory::from_tum(&format!("10 0 0 0 0 0 0 1\n{line}\n"));
+        let walk = |line: &str| read(&format!("10 0 0 0 0 0 0 1\n{line}\n"), None);
         let refused = |line: &str| walk(line).unwrap_err().to_string();
         let late = refused("1000000010 1 0 0 0 0 0 1");
         assert!(late.contains("line 2: 1000000000 s after the pose before it"), "{late}");
@@ -281,10 +222,10 @@ mod tests {
         assert!(refused("11 1e30 0 0 0 0 0 1").contains("within 1e8 m"));
         // what one may have: an hour's rest, a map in UTM
         assert!(walk("3610 9000 0 0 0 0 0 1").is_ok());
-        assert!(Trajectory::from_tum("1 412345 5567890 3e2 0 0 0 1\n2 412346 5567890 3e2 0 0 0 1\n").is_ok());
+        assert!(read("1 412345 5567890 3e2 0 0 0 1\n2 412346 5567890 3e2 0 0 0 1\n", None).is_ok());
         let still = "1 0 0 0 0 1 0 0 0 0 1 0\n";
         for rate_hz in [0.0, -1.0, 1e-9, 1e9, f64::NAN, f64::INFINITY] {
-            let error = Trajectory::from_kitti(&still.repeat(2), rate_hz).unwrap_err().to_string();
+            let error = read(&still.repeat(2), Some(rate_hz)).unwrap_err().to_string();
             assert!(error.contains("0.001 to 1000000"), "{error}");
         }
     }

@@ -26,11 +26,11 @@ use crate::base::geometry::Pose;
 /// ```
 /// use outrigger::world::trajectory::Trajectory;
 ///
-/// let walk = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0 1\n")?; // time, position, quaternion
-/// let midpoint = walk.at(11_000_000_000).unwrap();
+/// let read = Trajectory::read(b"10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0 1\n", None)?; // time, position, quaternion
+/// let midpoint = read.trajectory.at(11_000_000_000).unwrap();
 /// assert_eq!(midpoint.translation_m.to_array(), [1.5, 0.0, 1.0]);
-/// assert!(walk.at(13_000_000_000).is_none(), "where it went then is unknown");
-/// let error = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0\n").unwrap_err();
+/// assert!(read.trajectory.at(13_000_000_000).is_none(), "where it went then is unknown");
+/// let error = Trajectory::read(b"10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0\n", None).unwrap_err();
 /// assert!(error.to_string().contains("line 2"), "{error}");
 /// # Ok::<(), outrigger::world::trajectory::TrajectoryError>(())
 /// ```

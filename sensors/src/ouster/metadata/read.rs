@@ -338,8 +338,16 @@ impl<'a> Document<'a> {
         });
         let sensor_from_lidar =
             self.transform(&self.lidar, "lidar_to_sensor_transform", DEFAULT_SENSOR_FROM_LIDAR_MM)?;
-        let mut model = SensorModel::new(product_line, beams.collect(), sensor_from_lidar);
-        if let Some(nominal) = catalogue_name(product_line).and_then(|name| catalogue::nominal(&name).ok()) {
+        let nominal = match catalogue_name(product_line) {
+            Some(name) => catalogue::nominal(&name).ok(),
+            None => nominal_of_beams(altitudes),
+        };
+        let name = match &nominal {
+            Some(nominal) if product_line.is_empty() => &nominal.name,
+            _ => product_line,
+        };
+        let mut model = SensorModel::new(name, beams.collect(), sensor_from_lidar);
+        if let Some(nominal) = nominal {
             model.min_range_m = nominal.min_range_m;
             model.max_range_m = nominal.max_range_m;
             model.divergence_rad = nominal.divergence_rad;
@@ -350,10 +358,25 @@ impl<'a> Document<'a> {
     }
 }
 
+/// Beams of a unit lie this near to those of its product, degrees.
+const UNIT_SPREAD_DEG: f64 = 1.0;
+
 /// `OS-1-128-AH` -> `os1-128`.
 fn catalogue_name(product_line: &str) -> Option<String> {
     let mut parts = product_line.split('-');
     Some(format!("{}{}-{}", parts.next()?, parts.next()?, parts.next()?).to_ascii_lowercase())
+}
+
+/// The nominal sensor with these elevations, degrees, top first: the first ones do not state their product.
+fn nominal_of_beams(altitudes: &[f64]) -> Option<SensorModel> {
+    let off_deg = |model: &SensorModel| {
+        let beams = model.beams().iter().zip(altitudes);
+        beams.map(|(beam, altitude)| (beam.elevation_rad.to_degrees() - altitude).abs()).fold(0.0, f64::max)
+    };
+    let ousters = catalogue::names().into_iter().filter(|name| name.starts_with("os"));
+    let nominals = ousters.filter_map(|name| catalogue::nominal(name).ok());
+    let alike = nominals.filter(|model| model.channels() == altitudes.len());
+    alike.min_by(|a, b| off_deg(a).total_cmp(&off_deg(b))).filter(|model| off_deg(model) <= UNIT_SPREAD_DEG)
 }
 
 /// What sensors of firmware before 2.0 leave out.

@@ -60,7 +60,8 @@ impl MeshUnit {
         if words.is_empty() { words } else { format!(" ({words})") }
     }
 
-    fn spoken(self) -> &'static str {
+    /// In a sentence.
+    pub(crate) fn spoken(self) -> &'static str {
         match self {
             MeshUnit::Foot => "feet",
             MeshUnit::Inch => "inches",
@@ -77,6 +78,7 @@ impl MeshUnit {
             "m" | "meter" | "metre" => Some(Self::Metre),
             "cm" | "centimeter" | "centimetre" => Some(Self::Centimetre),
             "mm" | "millimeter" | "millimetre" => Some(Self::Millimetre),
+            "ft" | "foot" | "feet" if lower.contains("survey") => Some(Self::SurveyFoot),
             "ft" | "foot" | "feet" => Some(Self::Foot),
             "inch" | "inche" => Some(Self::Inch),
             _ => None,
@@ -108,6 +110,7 @@ mod tests {
             (" File units = inches", Some(MeshUnit::Inch)),
             ("UNITS= mm", Some(MeshUnit::Millimetre)),
             (" units: Feet", Some(MeshUnit::Foot)),
+            ("Units: US survey feet", Some(MeshUnit::SurveyFoot)),
             ("one unit is 1 meter", Some(MeshUnit::Metre)),
             ("uniform colours, 3 m", None),
             ("unit cube", None),
