@@ -36,7 +36,10 @@ const OF_AN_EXPERIMENT: [&str; 16] = [
     "export_published",
 ];
 /// And what only a search in a scene.
-const OF_A_SCENE: [&str; 15] = [
+const OF_A_SCENE: [&str; 18] = [
+    "max_range",
+    "max_incidence",
+    "min_hits",
     "trajectory",
     "rate",
     "trajectory_out",

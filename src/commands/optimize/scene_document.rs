@@ -56,6 +56,7 @@ pub(super) fn document(
             is_ideal: args.scene.ideal,
             scan_stride: args.scene.scan_stride,
             spins: spins.collect(),
+            quality: args.scene.quality.quality().asked(),
         },
         trajectory: TrajectoryDocument {
             source: source.name,

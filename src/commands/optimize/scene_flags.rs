@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use sensors::catalogue;
 
-use crate::commands::scene_args::{MeshArgs, Operator, Room};
+use crate::commands::scene_args::{MeshArgs, Operator, QualityArgs, Room};
 use crate::commands::scene_file::MapArgs;
 use crate::design::scene_search::WeightRule;
 use crate::recording::walk_text::WalkText;
@@ -79,6 +79,8 @@ pub struct SceneSearchArgs {
     /// Housings of the other sensors shade, too, unless --ideal.
     #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE", help_heading = "Model")]
     pub(super) operator: Option<Operator>,
+    #[command(flatten)]
+    pub(super) quality: QualityArgs,
     /// Judge by every N-th revolution.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) scan_stride: u32,

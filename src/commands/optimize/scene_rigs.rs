@@ -74,6 +74,7 @@ pub(super) fn sampling(args: &Args) -> Sampling {
         columns: args.experiment.of_scene().columns,
         scan_stride: args.scene.scan_stride,
         min_range_m: args.scene.ideal.then_some(IDEAL_MIN_RANGE_M),
+        quality: args.scene.quality.quality(),
         ..Sampling::default()
     }
 }

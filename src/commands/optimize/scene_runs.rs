@@ -93,6 +93,7 @@ impl<'a> Run<'a, '_> {
                     is_ideal: of.ideal,
                     columns: settings.columns,
                     scan_stride: of.scan_stride,
+                    quality: of.quality.quality(),
                 };
                 let question = Question::of(&asked, &plan, rigs, self.cast);
                 let (opened, known) = SearchState::open(path, question)?;

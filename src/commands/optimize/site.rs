@@ -24,6 +24,7 @@ pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, V
     let (scene, room) = (scene_args.scene.as_deref(), scene_args.room);
     let loaded = scene_file::read_or_room(scene, room, &scene_args.mesh, &scene_args.map, context)?;
     let mut loaded = loaded.context("give --scene or --room")?;
+    scene_args.quality.ensure_known_in(&loaded.scene)?;
     let (trajectory, source) = walk_of(args, context, &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;

@@ -36,12 +36,11 @@ pub struct IdealArgs {
 }
 
 /// What has no use for ideal sensors.
-const OF_REAL_SENSORS: [&str; 9] = [
+const OF_REAL_SENSORS: [&str; 8] = [
     "fidelity",
     "out",
     "spin_phase",
     "range_noise",
-    "max_incidence",
     "reflectivity",
     "drop_out",
     "sub_rays",
@@ -100,6 +99,7 @@ pub fn run(
         rays,
         origin: loaded.origin,
         trajectory_length_m: sensors.trajectory.length_m(),
+        quality: sampling.quality.asked(),
         warnings: notices.chain(loaded.warnings).chain(placement.doubts).collect(),
         wall_s,
         surface: surface_document,

@@ -10,7 +10,7 @@ use super::search::{Findings, Plan};
 use super::weights::WeightRule;
 use crate::base::files;
 use crate::base::questions::first_difference;
-use crate::simulate::view::CastView;
+use crate::simulate::view::{CastView, Quality};
 
 const FORMAT: &str = "outrigger-scene-search/2";
 
@@ -46,6 +46,7 @@ pub(crate) struct Asked<'a> {
     pub is_ideal: bool,
     pub columns: Option<u32>,
     pub scan_stride: u32,
+    pub quality: Quality,
 }
 
 impl Question {
@@ -57,7 +58,7 @@ impl Question {
             "length_m": site.trajectory.length_m(),
             "time_span_ns": site.trajectory.time_span_ns(),
         });
-        let question = json!({
+        let mut question = json!({
             "scene": { "bounds_m": of_scene, "triangles": site.scene.mesh().map(|mesh| mesh.triangles()) },
             "trajectory": trajectory,
             "voxel_m": site.grid.voxel_m,
@@ -74,6 +75,9 @@ impl Question {
             "scan_stride": asked.scan_stride,
             "plan": plan,
         });
+        if let Some(quality) = asked.quality.asked() {
+            question["quality"] = json!(quality);
+        }
         // once through text, so that it compares equal to what was read
         Self(serde_json::from_str(&question.to_string()).unwrap_or_default())
     }

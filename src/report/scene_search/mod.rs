@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::design::optimize::StoppedBy;
 use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
 use crate::report::chart::number;
-use crate::simulate::view::BuildCost;
+use crate::simulate::view::{BuildCost, Quality};
 
 /// The document.
 #[derive(Serialize)]
@@ -103,6 +103,9 @@ pub(crate) struct SamplingDocument {
     pub scan_stride: u32,
     /// By model: columns per revolution and revolutions cast.
     pub spins: Vec<(String, usize, u64)>,
+    /// When a voxel counts, where that was asked for; `reachable_voxels` has its limits of range and angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
 }
 
 /// Along which trajectory.
@@ -186,6 +189,10 @@ impl Document {
         ))
     }
 
+    fn quality_line(&self) -> Option<String> {
+        self.sampling.quality.map(|quality| quality.words(true))
+    }
+
     fn cost_line(&self) -> String {
         format!(
             "{} mounts by the model, {} exactly, {} rays in {:.2} s",
@@ -207,6 +214,7 @@ impl Document {
             "trajectory     {:.1} m in {:.0} s, {}\n",
             self.trajectory.length_m, self.trajectory.duration_s, self.trajectory.source
         );
+        text += &self.quality_line().map_or(String::new(), |line| format!("counted        {line}\n"));
         text += "mount                      seen    voxels  overlap           J\n";
         let mut line = |name: &str, judged: &Judged| {
             text += &format!(

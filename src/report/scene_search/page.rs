@@ -26,6 +26,7 @@ pub(crate) struct Pictured<'a> {
 pub(crate) fn page(document: &Document, pictured: &Pictured<'_>) -> Report {
     let mut page = Report::new("Mounts for a scene", &document.sentence(), pictured.made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
+    document.quality_line().iter().for_each(|line| page.paragraph(&format!("Counted: {line}.")));
     let (coverage, grid) = (pictured.coverage, pictured.coverage.grid());
     let unseen = pictured
         .observable

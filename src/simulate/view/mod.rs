@@ -11,9 +11,12 @@ mod sphere;
 mod tiles;
 
 pub use cast::{CastView, Precision};
+pub(crate) use cells::CellHasher;
 pub use cells::{BuildCost, CellView, Fineness};
 pub use fan::{Fan, Sampling};
 pub use scans::Scans;
+
+pub use super::quality::Quality;
 
 use super::occluder::Occluder;
 use crate::rig::Rig;
