@@ -129,7 +129,9 @@ impl Document {
             100.0 * self.overlap_ratio,
             self.objective,
         );
-        text += &self.quality.map_or(String::new(), |quality| format!("counted        {}\n", quality.words(true)));
+        text += &self
+            .quality
+            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(true)));
         for sensor in &self.sensors {
             text += &format!(
                 "{:22} {:10}{:8}{:8}{:9}{:9}\n",

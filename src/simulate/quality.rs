@@ -41,10 +41,11 @@ impl Quality {
         if let Some(range_m) = self.max_range_m {
             words += &format!(" from {range_m} m or less");
         }
-        words + match (is_share_limited, self.min_hits > 1) {
-            (false, _) => "; \"can be seen\" means a line of sight at any range and angle",
-            (true, true) => "; \"can be seen\" means within range and angle, however many returns",
-            (true, false) => "; \"can be seen\" has the same limits",
-        }
+        words
+            + match (is_share_limited, self.min_hits > 1) {
+                (false, _) => "; \"can be seen\" means a line of sight at any range and angle",
+                (true, true) => "; \"can be seen\" means within range and angle, however many returns",
+                (true, false) => "; \"can be seen\" has the same limits",
+            }
     }
 }

@@ -36,6 +36,7 @@ pub(super) const HEADINGS: [(&str, &[&str]); 4] = [
             "room",
             "samples",
             "scene",
+            "site",
             "time-offset",
             "trajectory",
             "up",

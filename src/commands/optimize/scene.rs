@@ -8,23 +8,23 @@ use super::args::Args;
 use super::scene_document::{document, write, write_page};
 use super::scene_rigs::{fineness, present, rig_space, sampling};
 use super::scene_runs::Run;
-use super::site::site;
+use super::site::sites;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
+use crate::design::robustness::Criterion;
 use crate::design::scene_search::SceneWeights;
-use crate::simulate::view::{CastView, CellView, Precision, View as _};
+use crate::simulate::view::{CastSites, CastView, CellSites, CellView, Precision, View as _};
 
 /// What only a search in a published experiment knows.
-const OF_AN_EXPERIMENT: [&str; 16] = [
+const OF_AN_EXPERIMENT: [&str; 15] = [
     "method",
     "early_stop",
     "batch",
     "acquisition",
     "masters_max",
     "masters_min",
-    "robust",
     "tolerance",
     "free_spin",
     "draws",
@@ -36,7 +36,8 @@ const OF_AN_EXPERIMENT: [&str; 16] = [
     "export_published",
 ];
 /// And what only a search in a scene.
-const OF_A_SCENE: [&str; 18] = [
+const OF_A_SCENE: [&str; 19] = [
+    "site",
     "max_range",
     "max_incidence",
     "min_hits",
@@ -60,7 +61,7 @@ const OF_A_SCENE: [&str; 18] = [
 const DEFAULT_EVALUATIONS: u64 = 1000;
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
 pub(crate) fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
-    let is_scene = args.scene.scene.is_some() || args.scene.room.is_some();
+    let is_scene = args.scene.scene.is_some() || args.scene.room.is_some() || !args.scene.site.is_empty();
     if is_scene {
         let why = "is about a published experiment, and --scene or --room searches another place";
         context.ensure_not_typed(&ExperimentArgs::ONLY_PUBLISHED, why)?;
@@ -68,7 +69,7 @@ pub(crate) fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
     } else {
         context.ensure_not_typed(
             &OF_A_SCENE,
-            "is about a search in a place of your own: add --scene or --room",
+            "is about a search in a place of your own: add --scene, --room or --site",
         )?;
     }
     Ok(is_scene)
@@ -81,9 +82,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let rigs = rig_space(args)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
-    let (site, mut warnings, source) = site(args, context)?;
+    let (sites, mut warnings) = sites(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
-    if let Some(path) = &args.scene.trajectory_out {
+    if let (Some(path), [(site, source)]) = (&args.scene.trajectory_out, &sites[..]) {
         files::write_whole(path, site.trajectory.moved(source.origin.world_m()).to_tum().as_bytes())
             .with_context(|| path.display().to_string())?;
     }
@@ -94,9 +95,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let seed = args.seed.unwrap_or(1);
     let mut units = rigs.units.clone();
     units.extend(present.iter().flat_map(|(units, _)| units.iter().cloned()));
-    let mut model = CellView::new(&site, &units, &sampling, &fineness(&rigs))?;
-    let cast = CastView::new(site, &units, &sampling, Precision::Single).map_err(wrong_usage)?;
-    let weights = SceneWeights::new(args.scene.weights, model.observable());
+    let (mut models, mut casts, mut sources) = (Vec::new(), Vec::new(), Vec::new());
+    for (site, source) in sites {
+        models.push(CellView::new(&site, &units, &sampling, &fineness(&rigs))?);
+        casts.push(CastView::new(site, &units, &sampling, Precision::Single).map_err(wrong_usage)?);
+        sources.push(source);
+    }
+    let observable = models.iter().map(CellView::observable).collect();
+    let criterion = args.robust.unwrap_or(Criterion::Expected);
+    let weights = SceneWeights::of_sites(args.scene.weights, observable, criterion);
+    let mut model = CellSites::new(models, weights.scales());
+    let cast = CastSites::new(casts, weights.scales());
     let run = Run { args, cast: &cast, weights, evaluations, seed, stage: &stage, stop: &stop };
     let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
@@ -119,11 +128,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
     warnings[of_answer..].iter().for_each(|warning| output::say_notice(warning));
-    let origin = source.origin;
-    let mut document = document(args, &cast, &search, &end, answer, (start, source, warnings));
+    let mut document = document(args, &cast, &search, &end, answer, (start, &sources, warnings));
     document.by_count = by_count;
     let written = write(args, &rigs, &document, &winner.values)
-        .and_then(|()| write_page(args, &cast, &document, &winner.rig, origin));
+        .and_then(|()| write_page(args, &cast, &document, &winner.rig, &sources));
     output::print_result(context.json, &document, || document.summary(), &[])?;
     written?;
     Ok(Outcome::Done)

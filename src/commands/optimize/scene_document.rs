@@ -10,30 +10,37 @@ use crate::base::files;
 use crate::commands::output;
 use crate::design::scene_search::{Answer, RigSpace, SceneSearch, SearchEnd};
 use crate::report::scene_search::{
-    Best, Document, ModelDocument, Pictured, SamplingDocument, TrajectoryDocument, WeightsDocument, page,
+    Best, Document, ModelDocument, Pictured, SamplingDocument, SiteDocument, TrajectoryDocument,
+    WeightsDocument, page,
 };
 use crate::rig::{Mount, MountFile, Rig};
-use crate::simulate::view::CastView;
-use crate::world::local_origin::LocalOrigin;
+use crate::simulate::view::{CastSites, CastView};
 
 pub(super) fn document(
     args: &Args,
-    cast: &CastView,
+    cast: &CastSites,
     search: &SceneSearch<'_>,
     end: &SearchEnd,
     answer: Answer,
-    (start, source, warnings): (Instant, WalkSource, Vec<String>),
+    (start, sources, warnings): (Instant, &[WalkSource], Vec<String>),
 ) -> Document {
     let winner = &end.exact[0];
     let masters = search.rigs.mounts(&winner.values).into_iter().map(numbers).collect();
     let sd = end.model_error.map(|error| error.sd);
     let error_bound = sd.zip(end.best_left).map(|(sd, left)| (left + 2.0 * sd - winner.objective()).max(0.0));
-    let trajectory = &cast.site().trajectory;
-    let [start_ns, end_ns] = trajectory.time_span_ns();
     let spins = search.rigs.units.iter().map(|unit| {
-        let (fan, scans) = cast.fan_of(&unit.model);
-        (unit.model.name.clone(), fan.columns, scans.count)
+        let fans = cast.fans_of(&unit.model);
+        let scans = fans.iter().map(|(_, scans)| scans.count).sum();
+        (unit.model.name.clone(), fans[0].0.columns, scans)
     });
+    let observable = &answer.observable_voxels;
+    let site = |((view, source), reachable): ((&CastView, &WalkSource), &u64)| SiteDocument {
+        scene: source.scene.clone(),
+        trajectory: TrajectoryDocument::of(&view.site().trajectory, &source.name, &source.corners_m),
+        reachable_voxels: *reachable,
+    };
+    let mut sites: Vec<_> = cast.views().iter().zip(sources).zip(observable).map(site).collect();
+    let trajectory = TrajectoryDocument::all_of(&mut sites);
     Document {
         method: "two-level",
         seed: search.plan.seed,
@@ -50,20 +57,17 @@ pub(super) fn document(
         },
         plan: search.plan,
         weights: WeightsDocument::new(args.scene.weights, &search.weights),
-        reachable_voxels: answer.observable_voxels,
-        voxel_m: cast.site().grid.voxel_m,
+        reachable_voxels: observable.iter().sum::<u64>() / observable.len() as u64,
+        voxel_m: cast.views()[0].site().grid.voxel_m,
         sampling: SamplingDocument {
             is_ideal: args.scene.ideal,
             scan_stride: args.scene.scan_stride,
             spins: spins.collect(),
             quality: args.scene.quality.quality().asked(),
         },
-        trajectory: TrajectoryDocument {
-            source: source.name,
-            corners_m: source.corners_m.iter().map(|corner| corner.to_array()).collect(),
-            length_m: trajectory.length_m(),
-            duration_s: (end_ns - start_ns) as f64 * 1e-9,
-        },
+        trajectory,
+        robust: (sites.len() > 1).then_some(search.weights.criterion),
+        sites,
         history: end.history.clone(),
         by_count: Vec::new(),
         warnings,
@@ -91,23 +95,19 @@ pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &
 /// The page of `--report`.
 pub(super) fn write_page(
     args: &Args,
-    cast: &CastView,
+    cast: &CastSites,
     document: &Document,
     best: &Rig,
-    origin: LocalOrigin,
+    sources: &[WalkSource],
 ) -> anyhow::Result<()> {
     let Some(path) = &args.report else { return Ok(()) };
-    let coverage = cast.cover(best);
-    let observable = cast.cells_seen_by_any();
-    let made_by = output::again();
-    let pictured = Pictured {
-        scene: &cast.site().scene,
-        trajectory: &cast.site().trajectory,
-        rig: best,
-        coverage: &coverage,
-        observable: &observable,
-        origin,
-        made_by: &made_by,
+    let pictured = |(view, source): (&'_ CastView, &WalkSource)| Pictured {
+        name: source.scene.clone(),
+        site: view.site().clone(),
+        coverage: view.cover(best),
+        observable: view.cells_seen_by_any(),
+        origin: source.origin,
     };
-    page(document, &pictured).write(path).with_context(|| path.display().to_string())
+    let sites: Vec<Pictured> = cast.views().iter().zip(sources).map(pictured).collect();
+    page(document, best, &sites, &output::again()).write(path).with_context(|| path.display().to_string())
 }

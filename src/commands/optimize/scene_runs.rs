@@ -9,15 +9,15 @@ use super::scene_flags::Counts;
 use crate::commands::output;
 use crate::commands::stage::Stage;
 use crate::design::scene_search::{
-    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
+    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState, share_of,
 };
 use crate::report::scene_search::CountDocument;
-use crate::simulate::view::{CastView, CellView};
+use crate::simulate::view::{CastSites, CellSites};
 
 /// What all searches of a command share.
 pub(super) struct Run<'a, 's> {
     pub(super) args: &'s Args,
-    pub(super) cast: &'a CastView,
+    pub(super) cast: &'a CastSites,
     pub(super) weights: SceneWeights,
     pub(super) evaluations: usize,
     pub(super) seed: u64,
@@ -30,7 +30,7 @@ impl<'a> Run<'a, '_> {
     pub(super) fn by_count(
         &self,
         rigs: RigSpace,
-        model: &mut CellView,
+        model: &mut CellSites,
     ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<CountDocument>)> {
         let Some(Counts(first, last)) = self.args.scene.count else { return Ok((rigs, None, Vec::new())) };
         let mut best: Option<(f64, RigSpace, Findings)> = None;
@@ -46,22 +46,20 @@ impl<'a> Run<'a, '_> {
                 ));
                 continue;
             };
-            found.push(CountDocument {
-                sensors,
-                unique_voxels: winner.seen.union as u64,
-                observable_share: 0.0,
-                objective: winner.objective(),
-            });
+            found.push((sensors, winner.seen.clone(), winner.objective()));
             if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
                 best = Some((winner.objective(), rigs.clone(), findings));
             }
         }
-        let observable = self.weights.observable.max(self.cast.seen_by_any()).max(1);
-        found
-            .iter_mut()
-            .for_each(|found| found.observable_share = found.unique_voxels as f64 / observable as f64);
+        let observable = self.cast.observable(&self.weights.by_site);
+        let compared = found.into_iter().map(|(sensors, seen, objective)| CountDocument {
+            sensors,
+            unique_voxels: seen.union as u64,
+            observable_share: share_of(&seen, &observable),
+            objective,
+        });
         match best {
-            Some((_, rigs, findings)) => Ok((rigs, Some(findings), found)),
+            Some((_, rigs, findings)) => Ok((rigs, Some(findings), compared.collect())),
             None => bail!(
                 "none of {first} to {last} sensors fits: give a larger --space, or a smaller --clearance"
             ),
@@ -72,7 +70,7 @@ impl<'a> Run<'a, '_> {
     pub(super) fn search<'b>(
         &self,
         rigs: &'b RigSpace,
-        model: &'b mut CellView,
+        model: &'b mut CellSites,
         known: Option<Findings>,
     ) -> anyhow::Result<(SceneSearch<'b>, SearchEnd)>
     where
@@ -94,15 +92,16 @@ impl<'a> Run<'a, '_> {
                     columns: settings.columns,
                     scan_stride: of.scan_stride,
                     quality: of.quality.quality(),
+                    criterion: self.weights.criterion,
                 };
-                let question = Question::of(&asked, &plan, rigs, self.cast);
+                let question = Question::of(&asked, &plan, rigs, self.cast.views());
                 let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known
             }
             (None, None) => Findings::default(),
         };
-        let mut search = SceneSearch::new(rigs, model, self.cast, self.weights, plan, known)?;
+        let mut search = SceneSearch::new(rigs, model, self.cast, self.weights.clone(), plan, known)?;
         self.stage.counts(self.evaluations as u64, 0);
         let failed = std::cell::RefCell::new(None);
         let progress = |search: &SceneSearch<'_>, what: &str| {

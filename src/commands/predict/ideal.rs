@@ -36,16 +36,8 @@ pub struct IdealArgs {
 }
 
 /// What has no use for ideal sensors.
-const OF_REAL_SENSORS: [&str; 8] = [
-    "fidelity",
-    "out",
-    "spin_phase",
-    "range_noise",
-    "reflectivity",
-    "drop_out",
-    "sub_rays",
-    "no_housings",
-];
+const OF_REAL_SENSORS: [&str; 8] =
+    ["fidelity", "out", "spin_phase", "range_noise", "reflectivity", "drop_out", "sub_rays", "no_housings"];
 
 /// Casts and prints.
 pub fn run(

@@ -16,4 +16,4 @@ pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
 pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};
 pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
-pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};
+pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, share_of};

@@ -9,7 +9,7 @@ use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
-use crate::simulate::view::{CellView, Seen, View};
+use crate::simulate::view::{CastSites, CellSites, Seen};
 
 /// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
 /// best mounts.
@@ -104,8 +104,8 @@ struct Tried {
 /// A running search.
 pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
-    pub model: &'a mut CellView,
-    pub judge: &'a dyn View,
+    pub model: &'a mut CellSites,
+    pub judge: &'a CastSites,
     pub weights: SceneWeights,
     pub plan: Plan,
     space: Space,
@@ -152,8 +152,8 @@ impl<'a> SceneSearch<'a> {
     /// Bounds out of order.
     pub(crate) fn new(
         rigs: &'a RigSpace,
-        model: &'a mut CellView,
-        judge: &'a dyn View,
+        model: &'a mut CellSites,
+        judge: &'a CastSites,
         weights: SceneWeights,
         plan: Plan,
         known: Findings,

@@ -215,7 +215,9 @@ impl Document {
                 sensor.unique_voxels
             );
         }
-        text += &self.quality.map_or(String::new(), |quality| format!("counted        {}\n", quality.words(false)));
+        text += &self
+            .quality
+            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(false)));
         for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
             text += &format!(
                 "{name:15}{} at pitch {:.0}: {} voxels; the rig sees {:+}\n",

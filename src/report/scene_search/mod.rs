@@ -4,12 +4,15 @@ mod page;
 
 pub(crate) use page::{Pictured, page};
 
+use glam::DVec3;
 use serde::Serialize;
 
 use crate::design::optimize::StoppedBy;
+use crate::design::robustness::Criterion;
 use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
 use crate::report::chart::number;
 use crate::simulate::view::{BuildCost, Quality};
+use crate::world::trajectory::Trajectory;
 
 /// The document.
 #[derive(Serialize)]
@@ -29,11 +32,17 @@ pub(crate) struct Document {
     pub model: ModelDocument,
     pub plan: Plan,
     pub weights: WeightsDocument,
-    /// Voxels that can be seen from the trajectory.
+    /// Voxels that can be seen from the trajectory; the mean over several sites.
     pub reachable_voxels: u64,
     pub voxel_m: f64,
     pub sampling: SamplingDocument,
     pub trajectory: TrajectoryDocument,
+    /// Where there are several; `by_site` of each judged mount has their order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sites: Vec<SiteDocument>,
+    /// Which score of several sites counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robust: Option<Criterion>,
     /// Evaluations and the best exact score then.
     pub history: Vec<(usize, f64)>,
     /// What fewer and more sensors see, where that was asked for.
@@ -108,6 +117,14 @@ pub(crate) struct SamplingDocument {
     pub quality: Option<Quality>,
 }
 
+/// One of several sites.
+#[derive(Serialize)]
+pub(crate) struct SiteDocument {
+    pub scene: String,
+    pub trajectory: TrajectoryDocument,
+    pub reachable_voxels: u64,
+}
+
 /// Along which trajectory.
 #[derive(Serialize)]
 pub(crate) struct TrajectoryDocument {
@@ -118,7 +135,72 @@ pub(crate) struct TrajectoryDocument {
     pub duration_s: f64,
 }
 
+impl TrajectoryDocument {
+    pub(crate) fn of(trajectory: &Trajectory, source: &str, corners_m: &[DVec3]) -> Self {
+        let [start_ns, end_ns] = trajectory.time_span_ns();
+        Self {
+            source: source.to_owned(),
+            corners_m: corners_m.iter().map(|corner| corner.to_array()).collect(),
+            length_m: trajectory.length_m(),
+            duration_s: (end_ns - start_ns) as f64 * 1e-9,
+        }
+    }
+
+    /// That of the only site, which is taken out of the list, or all of them together.
+    pub(crate) fn all_of(sites: &mut Vec<SiteDocument>) -> Self {
+        if sites.len() == 1 {
+            return sites.remove(0).trajectory;
+        }
+        let trajectories = || sites.iter().map(|site| &site.trajectory);
+        Self {
+            source: format!("{} sites", sites.len()),
+            corners_m: Vec::new(),
+            length_m: trajectories().map(|trajectory| trajectory.length_m).sum(),
+            duration_s: trajectories().map(|trajectory| trajectory.duration_s).sum(),
+        }
+    }
+}
+
+/// What the best mount, and what it is compared with, see of one site.
+pub(super) const SITE_COLUMNS: [&str; 6] = ["site", "mount", "seen", "voxels", "overlap", "J"];
+
 impl Document {
+    /// By site and mount what [`SITE_COLUMNS`] names.
+    fn site_rows(&self) -> Vec<[String; 6]> {
+        let mounts = [
+            Some(("best", &self.best.judged)),
+            self.answer.present.as_ref().map(|present| ("present", present)),
+        ];
+        let row = |at: usize, (name, judged): (&str, &Judged)| {
+            let seen = judged.by_site.get(at)?;
+            Some([
+                self.sites[at].scene.clone(),
+                name.to_owned(),
+                format!("{:.2} %", 100.0 * seen.observable_share),
+                number(seen.unique_voxels as f64, 0),
+                format!("{:.1} %", 100.0 * seen.overlap_ratio),
+                number(seen.objective, 1),
+            ])
+        };
+        let of_site = |at: usize| mounts.iter().flatten().filter_map(move |mount| row(at, *mount));
+        (0..self.sites.len()).flat_map(of_site).collect()
+    }
+
+    /// What the score over several sites is.
+    fn sites_line(&self) -> Option<String> {
+        let which = match self.robust? {
+            Criterion::Expected => "the mean over the sites",
+            Criterion::Worst => "that of the worst site",
+        };
+        let scaled = match self.weights.rule {
+            WeightRule::Shares => {
+                ", the voxels and J of each site scaled to the mean number that can be seen: a large site counts no more than a small one"
+            }
+            WeightRule::Published => "",
+        };
+        Some(format!("J is {which}{scaled}"))
+    }
+
     /// Share of what can be seen, in percent with as many digits as the starts of the revolutions allow.
     fn percent(&self, judged: &Judged) -> String {
         format!("{:.2} %", 100.0 * judged.observable_share)
@@ -226,6 +308,13 @@ impl Document {
             );
         };
         self.compared().into_iter().for_each(|(name, judged)| line(name, judged));
+        for [site, mount, seen, voxels, overlap, objective] in self.site_rows() {
+            text += &format!(
+                "{:22}{seen:>9}{voxels:>10}{overlap:>9}{objective:>12}\n",
+                format!("{mount}, {site}")
+            );
+        }
+        text += &self.sites_line().map_or(String::new(), |line| format!("sites          {line}\n"));
         for found in &self.by_count {
             text += &format!(
                 "{:22}{:>9}{:10}{:>21}\n",

@@ -269,7 +269,8 @@ impl CastView {
                         limits_m.push((beam.range_offset_m, f64::from(free_m)));
                     }
                 }
-                let is_square = |cosine: &dyn Fn() -> f64| fan.min_cosine == 0.0 || cosine() >= fan.min_cosine;
+                let is_square =
+                    |cosine: &dyn Fn() -> f64| fan.min_cosine == 0.0 || cosine() >= fan.min_cosine;
                 let mut met = |ray: usize, distance_m: f64, cosine: &dyn Fn() -> f64| {
                     let (offset_m, free_m) = limits_m[ray];
                     let is_in_range = (fan.min_range_m..=fan.max_range_m).contains(&(distance_m + offset_m));

@@ -7,6 +7,7 @@ mod cast;
 mod cells;
 mod fan;
 mod scans;
+mod sites;
 mod sphere;
 mod tiles;
 
@@ -15,6 +16,7 @@ pub(crate) use cells::CellHasher;
 pub use cells::{BuildCost, CellView, Fineness};
 pub use fan::{Fan, Sampling};
 pub use scans::Scans;
+pub(crate) use sites::{CastSites, CellSites};
 
 pub use super::quality::Quality;
 
@@ -72,6 +74,9 @@ pub struct Seen {
     pub sd_voxels: Option<f64>,
     /// Beams cast.
     pub rays: u64,
+    /// The same of each site, where there are several; the counts above are their weighted mean then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_site: Vec<Seen>,
 }
 
 impl Seen {
@@ -87,6 +92,7 @@ impl Seen {
             overlap: counts.overlap as f64,
             sd_voxels: Some(0.0),
             rays,
+            by_site: Vec::new(),
         }
     }
 }

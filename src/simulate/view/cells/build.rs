@@ -137,13 +137,7 @@ impl Plan {
 }
 
 /// Everything that is seen from one place, a record for each voxel.
-fn view(
-    site: &ViewSite,
-    map: &SphereMap,
-    place: &(DMat3, DVec3),
-    eye_m: DVec3,
-    reach: Reach,
-) -> Vec<Record> {
+fn view(site: &ViewSite, map: &SphereMap, place: &(DMat3, DVec3), eye_m: DVec3, reach: Reach) -> Vec<Record> {
     let mut patches: Vec<Patch> = Vec::new();
     let mut of_cell: HashMap<u32, u32, BuildHasherDefault<CellHasher>> = HashMap::default();
     let mut last = (u32::MAX, 0_u32);

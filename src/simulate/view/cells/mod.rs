@@ -250,11 +250,10 @@ impl CellView {
     /// `scale` is by how much more voxels there are than these.
     fn see_batch(&self, rigs: &[Rig], voxels: &[u32], scale: f64) -> Vec<Seen> {
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
-        let chunks: Vec<Vec<Sums>> =
-            self.by_chunk(voxels, &eyes, |looking| match self.min_hits {
-                1 => Instructions::best().run(Counting(looking)),
-                needed => Instructions::best().run(CountingReturns(looking, needed)),
-            });
+        let chunks: Vec<Vec<Sums>> = self.by_chunk(voxels, &eyes, |looking| match self.min_hits {
+            1 => Instructions::best().run(Counting(looking)),
+            needed => Instructions::best().run(CountingReturns(looking, needed)),
+        });
         let seen = |(rig, eyes): (usize, &Vec<Eye<'_>>)| {
             let mut all = Sums::nothing(eyes.len());
             for chunk in &chunks {
@@ -266,6 +265,7 @@ impl CellView {
                 overlap: scale * all.overlap,
                 sd_voxels: None,
                 rays: 0,
+                by_site: Vec::new(),
             }
         };
         eyes.iter().enumerate().map(seen).collect()
