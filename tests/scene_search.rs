@@ -16,6 +16,7 @@ use crate::support::{Case, shared, shared_folder, with_machine, with_shared};
 
 mod command;
 mod quality;
+mod sites;
 
 const ASKED: &str = "minutes of casting: set OUTRIGGER_STATISTICS=1 (and OUTRIGGER_SHARED)";
 
@@ -48,6 +49,10 @@ pub const CASES: &[Case] = &[
         quality::the_search_and_the_prediction_count_alike,
     ),
     crate::support::case("a_map_of_voxels_has_no_normals", quality::a_map_has_no_normals),
+    crate::support::case("one_site_twice_is_that_site", sites::one_site_twice_is_that_site),
+    crate::support::case("the_score_of_two_sites_is_the_mean_of_theirs", sites::the_score_of_two_sites),
+    crate::support::case("sites_go_with_the_other_flags", sites::go_with_the_other_flags),
+    crate::support::case("sites_refuse_what_is_about_one", sites::refuse_what_is_about_one),
     crate::support::case("a_search_in_a_scene_refuses_what_it_cannot_use", command::refuses),
 ];
 

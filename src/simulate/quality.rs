@@ -36,10 +36,10 @@ impl Quality {
         let hits = if self.min_hits == 1 { "return" } else { "returns" };
         let mut words = format!("a voxel needs {} {hits}", self.min_hits);
         if let Some(angle_deg) = self.max_incidence_deg {
-            words += &format!(" at {angle_deg}° or less from the surface's normal");
+            words += &format!(", at {angle_deg}° or less from the surface's normal");
         }
         if let Some(range_m) = self.max_range_m {
-            words += &format!(" from {range_m} m or less");
+            words += &format!(", from {range_m} m or less");
         }
         words
             + match (is_share_limited, self.min_hits > 1) {

@@ -112,7 +112,7 @@ pub fn views_count_as_by_hand() {
                 );
                 seen.push(coverage.union_count());
             }
-            assert!(expected.len() > 100, "{quality:?}: {}", expected.len());
+            assert!(expected.len() > 20, "{quality:?}: {}", expected.len());
         }
     }
 }
@@ -140,7 +140,8 @@ pub fn limits_cut_where_they_should() {
     assert_eq!(at_the_end(&places_m(near)), 0, "the wall at 6 m is beyond 5.5 m");
     for limit_deg in [55.0_f64, 62.0] {
         let limited = Quality { max_incidence_deg: Some(limit_deg), ..Quality::default() };
-        let on_the_floor = |at_m: &&DVec3| at_m.z < 0.05;
+        // no walls
+        let on_the_floor = |at_m: &&DVec3| at_m.z < 0.05 && at_m.x.abs() < 5.85 && at_m.y.abs() < 3.85;
         let out_m = |at_m: &DVec3| at_m.x.hypot(at_m.y);
         let farthest_m = places_m(limited).iter().filter(on_the_floor).map(out_m).fold(0.0, f64::max);
         let expected_m = 1.5 * limit_deg.to_radians().tan();
@@ -148,24 +149,29 @@ pub fn limits_cut_where_they_should() {
     }
 }
 
-/// What the model says of limits before it is corrected.
+/// What the model says of limits before it is corrected, of a rig that walks: it takes revolutions to start anywhere.
 pub fn the_model_knows_the_limits() {
-    let site = room();
+    let walk = Trajectory::from_tum("0 -3 -1 1.5 0 0 0 1\n8 3 1 1.5 0 0 0 1\n").unwrap();
+    let site = ViewSite { trajectory: walk, ..room() };
     let units = [Unit::nominal("os0-32").unwrap()];
     let rig = pair("os0-32");
+    let mut all = None;
     for quality in qualities() {
-        let model =
-            CellView::new(&site, &units, &sampling(quality), &Fineness::between((-0.15, 0.15))).unwrap();
-        let exact = CastView::new(site.clone(), &units, &sampling(quality), Precision::Single).unwrap();
+        let sampling = sampling(quality);
+        let model = CellView::new(&site, &units, &sampling, &Fineness::between((-0.15, 0.15))).unwrap();
+        let exact = CastView::new(site.clone(), &units, &sampling, Precision::Single).unwrap();
         let rigs = std::slice::from_ref(&rig);
         let (expected, seen) = (exact.see(rigs).remove(0), model.see(rigs).remove(0));
         let off = seen.union / expected.union - 1.0;
-        assert!(off.abs() < 0.12, "{quality:?}: {} by the model, {} exactly", seen.union, expected.union);
+        assert!(off.abs() < 0.1, "{quality:?}: {} by the model, {} exactly", seen.union, expected.union);
         // what can be seen has the same limits of range and angle
-        let observable = [model.observable() as f64, exact.observable() as f64];
-        assert!(observable.iter().all(|all| *all > 0.97 * expected.union), "{quality:?} {observable:?}");
-        let few = (quality.max_range_m, quality.max_incidence_deg) != (None, None);
-        assert_eq!(observable.iter().all(|all| *all < 9_000.0), few, "{quality:?} {observable:?}");
+        let observable = [model.observable(), exact.observable()];
+        let all = *all.get_or_insert(observable);
+        let is_limited = (quality.max_range_m, quality.max_incidence_deg) != (None, None);
+        for (found, all) in observable.into_iter().zip(all) {
+            assert!(found as f64 > 0.97 * expected.union, "{quality:?} {found} {}", expected.union);
+            assert_eq!(found < all, is_limited, "{quality:?} {found} {all}");
+        }
     }
 }
 
@@ -183,7 +189,7 @@ pub fn the_search_and_the_prediction_count_alike() {
     let found = json(&[&search[..], &PLACE, &flags, &LIMITS, &files].concat());
     let quality = serde_json::json!({ "max_range_m": 5.0, "max_incidence_deg": 60.0, "min_hits": 4 });
     assert_eq!(found["sampling"]["quality"], quality);
-    assert!(std::fs::read_to_string(&page).unwrap().contains("4 returns at 60°"));
+    assert!(std::fs::read_to_string(&page).unwrap().contains("4 returns, at 60°"));
     let again = json(&[&["predict", "--json", "--mount", &mount][..], &PLACE, &flags, &LIMITS].concat());
     assert_eq!(again["quality"], quality);
     assert_eq!(again["unique_voxels"], found["best"]["unique_voxels"]);

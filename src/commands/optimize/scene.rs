@@ -5,17 +5,16 @@ use std::time::Instant;
 use anyhow::{Context as _, bail};
 
 use super::args::Args;
-use super::scene_document::{document, write, write_page};
+use super::scene_document::{write, write_page};
 use super::scene_rigs::{fineness, present, rig_space, sampling};
-use super::scene_runs::Run;
+use super::scene_runs::{Run, asked};
 use super::site::sites;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
-use crate::design::robustness::Criterion;
-use crate::design::scene_search::SceneWeights;
-use crate::simulate::view::{CastSites, CastView, CellSites, CellView, Precision, View as _};
+use crate::design::scene_search::views_of;
+use crate::report::scene_search::Document;
 
 /// What only a search in a published experiment knows.
 const OF_AN_EXPERIMENT: [&str; 15] = [
@@ -95,17 +94,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let seed = args.seed.unwrap_or(1);
     let mut units = rigs.units.clone();
     units.extend(present.iter().flat_map(|(units, _)| units.iter().cloned()));
-    let (mut models, mut casts, mut sources) = (Vec::new(), Vec::new(), Vec::new());
-    for (site, source) in sites {
-        models.push(CellView::new(&site, &units, &sampling, &fineness(&rigs))?);
-        casts.push(CastView::new(site, &units, &sampling, Precision::Single).map_err(wrong_usage)?);
-        sources.push(source);
-    }
-    let observable = models.iter().map(CellView::observable).collect();
-    let criterion = args.robust.unwrap_or(Criterion::Expected);
-    let weights = SceneWeights::of_sites(args.scene.weights, observable, criterion);
-    let mut model = CellSites::new(models, weights.scales());
-    let cast = CastSites::new(casts, weights.scales());
+    let (sites, sources): (Vec<_>, Vec<_>) = sites.into_iter().unzip();
+    let asked = asked(args);
+    let (mut model, cast, weights) = views_of(sites, &units, (&sampling, &fineness(&rigs)), &asked)
+        .map_err(|error| if error.is_usage() { wrong_usage(error) } else { error.into() })?;
     let run = Run { args, cast: &cast, weights, evaluations, seed, stage: &stage, stop: &stop };
     let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
@@ -128,8 +120,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
     warnings[of_answer..].iter().for_each(|warning| output::say_notice(warning));
-    let mut document = document(args, &cast, &search, &end, answer, (start, &sources, warnings));
-    document.by_count = by_count;
+    let mut document = Document::new(&asked, &cast, &search, &end, answer, &sources);
+    document.wall_s = start.elapsed().as_secs_f64();
+    (document.by_count, document.warnings) = (by_count, warnings);
     let written = write(args, &rigs, &document, &winner.values)
         .and_then(|()| write_page(args, &cast, &document, &winner.rig, &sources));
     output::print_result(context.json, &document, || document.summary(), &[])?;

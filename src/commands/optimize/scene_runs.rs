@@ -8,6 +8,7 @@ use super::args::Args;
 use super::scene_flags::Counts;
 use crate::commands::output;
 use crate::commands::stage::Stage;
+use crate::design::robustness::Criterion;
 use crate::design::scene_search::{
     Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState, share_of,
 };
@@ -23,6 +24,19 @@ pub(super) struct Run<'a, 's> {
     pub(super) seed: u64,
     pub(super) stage: &'s Stage,
     pub(super) stop: &'s AtomicBool,
+}
+
+/// What the document and the state file say of the command.
+pub(super) fn asked(args: &Args) -> Asked<'_> {
+    Asked {
+        sensors: &args.scene.sensors,
+        weights: args.scene.weights,
+        is_ideal: args.scene.ideal,
+        columns: args.experiment.of_scene().columns,
+        scan_stride: args.scene.scan_stride,
+        quality: args.scene.quality.quality(),
+        criterion: args.robust.unwrap_or(Criterion::Expected),
+    }
 }
 
 impl<'a> Run<'a, '_> {
@@ -84,17 +98,7 @@ impl<'a> Run<'a, '_> {
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
             (None, Some(path)) => {
-                let (of, settings) = (&self.args.scene, self.args.experiment.of_scene());
-                let asked = Asked {
-                    sensors: &of.sensors,
-                    weights: of.weights,
-                    is_ideal: of.ideal,
-                    columns: settings.columns,
-                    scan_stride: of.scan_stride,
-                    quality: of.quality.quality(),
-                    criterion: self.weights.criterion,
-                };
-                let question = Question::of(&asked, &plan, rigs, self.cast.views());
+                let question = Question::of(&asked(self.args), &plan, rigs, self.cast.views());
                 let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known

@@ -3,16 +3,15 @@
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use glam::DVec3;
 
 use super::args::Args;
 use crate::commands::scene_args::Operator;
 use crate::commands::{Context, scene_file, wrong_usage};
 use crate::recording::walk_text::WalkText;
+use crate::report::scene_search::SiteSource;
 use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
 use crate::simulate::walk::Walk;
-use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::LoadedScene;
 use crate::world::trajectory::Trajectory;
@@ -24,7 +23,7 @@ const DEFAULT_VOXEL_M: f64 = 0.1;
 pub(super) fn sites(
     args: &Args,
     context: Context,
-) -> anyhow::Result<(Vec<(ViewSite, WalkSource)>, Vec<String>)> {
+) -> anyhow::Result<(Vec<(ViewSite, SiteSource)>, Vec<String>)> {
     let of = &args.scene;
     let mut places: Vec<Place<'_>> =
         of.site.iter().map(|site| (Some(site.scene.as_path()), site.trajectory.as_ref())).collect();
@@ -58,7 +57,7 @@ fn site(
     args: &Args,
     context: Context,
     (scene, walk): Place<'_>,
-) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
+) -> anyhow::Result<(ViewSite, Vec<String>, SiteSource)> {
     let scene_args = &args.scene;
     let loaded =
         scene_file::read_or_room(scene, scene_args.room, &scene_args.mesh, &scene_args.map, context)?;
@@ -72,22 +71,11 @@ fn site(
     Ok((ViewSite { scene: loaded.scene, trajectory, grid, shades }, loaded.warnings, source))
 }
 
-/// Where the trajectory comes from.
-pub(super) struct WalkSource {
-    /// The file of the scene, or "room".
-    pub scene: String,
-    pub name: String,
-    /// Of a walk that was planned here.
-    pub corners_m: Vec<DVec3>,
-    /// Where the local frame of scene and trajectory begins.
-    pub origin: LocalOrigin,
-}
-
 fn walk_of(
     args: &Args,
     (path, source): Place<'_>,
     loaded: &mut LoadedScene,
-) -> anyhow::Result<(Trajectory, WalkSource)> {
+) -> anyhow::Result<(Trajectory, SiteSource)> {
     let Walk { trajectory, corners_m, doubts } =
         WalkText::walk_through(source, args.scene.rate, &loaded.scene, loaded.origin)?;
     let name = match source {
@@ -104,5 +92,5 @@ fn walk_of(
     loaded.warnings.extend(placement.doubts.iter().map(|doubt| format!("{name}: {doubt}")));
     let corners_m = corners_m.into_iter().map(|corner_m| loaded.origin.world(corner_m)).collect();
     let place = path.map_or("room".into(), |path| path.display().to_string());
-    Ok((trajectory, WalkSource { scene: place, name, corners_m, origin: loaded.origin }))
+    Ok((trajectory, SiteSource { scene: place, name, corners_m, origin: loaded.origin }))
 }

@@ -8,6 +8,7 @@ mod answer;
 mod correction;
 mod rig_space;
 mod search;
+mod sites;
 mod state_file;
 mod weights;
 
@@ -15,5 +16,6 @@ pub(crate) use answer::{Answer, Judged};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
 pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};
+pub(crate) use sites::views_of;
 pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, share_of};

@@ -1,10 +1,11 @@
 //! What a search in a scene found: the JSON document and its summary.
 
+mod assemble;
 mod page;
 
-pub(crate) use page::{Pictured, page};
+pub(crate) use assemble::{SiteSource, masters};
+pub(crate) use page::page;
 
-use glam::DVec3;
 use serde::Serialize;
 
 use crate::design::optimize::StoppedBy;
@@ -12,7 +13,6 @@ use crate::design::robustness::Criterion;
 use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
 use crate::report::chart::number;
 use crate::simulate::view::{BuildCost, Quality};
-use crate::world::trajectory::Trajectory;
 
 /// The document.
 #[derive(Serialize)]
@@ -135,32 +135,6 @@ pub(crate) struct TrajectoryDocument {
     pub duration_s: f64,
 }
 
-impl TrajectoryDocument {
-    pub(crate) fn of(trajectory: &Trajectory, source: &str, corners_m: &[DVec3]) -> Self {
-        let [start_ns, end_ns] = trajectory.time_span_ns();
-        Self {
-            source: source.to_owned(),
-            corners_m: corners_m.iter().map(|corner| corner.to_array()).collect(),
-            length_m: trajectory.length_m(),
-            duration_s: (end_ns - start_ns) as f64 * 1e-9,
-        }
-    }
-
-    /// That of the only site, which is taken out of the list, or all of them together.
-    pub(crate) fn all_of(sites: &mut Vec<SiteDocument>) -> Self {
-        if sites.len() == 1 {
-            return sites.remove(0).trajectory;
-        }
-        let trajectories = || sites.iter().map(|site| &site.trajectory);
-        Self {
-            source: format!("{} sites", sites.len()),
-            corners_m: Vec::new(),
-            length_m: trajectories().map(|trajectory| trajectory.length_m).sum(),
-            duration_s: trajectories().map(|trajectory| trajectory.duration_s).sum(),
-        }
-    }
-}
-
 /// What the best mount, and what it is compared with, see of one site.
 pub(super) const SITE_COLUMNS: [&str; 6] = ["site", "mount", "seen", "voxels", "overlap", "J"];
 
@@ -213,7 +187,7 @@ impl Document {
             None => ("the level mount", &self.answer.level),
         };
         let most = self.best.error_bound.map_or(String::new(), |bound| {
-            let most = (self.best.judged.unique_voxels as f64 + bound) / self.reachable_voxels.max(1) as f64;
+            let most = self.best.judged.observable_share + bound / self.reachable_voxels.max(1) as f64;
             format!(
                 "; of {} mounts tried none sees more than {:.2} %",
                 self.evaluations,

@@ -1,25 +1,35 @@
 //! The page of a search in a scene.
 
-use super::Document;
+use super::{Document, SiteSource};
 use crate::design::scene_search::Judged;
 use crate::report::chart::{LineChart, Series, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::Rig;
-use crate::simulate::view::ViewSite;
+use crate::simulate::view::{CastSites, CastView, ViewSite};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 
 /// What the page shows of a site.
-pub(crate) struct Pictured {
-    pub name: String,
-    pub site: ViewSite,
-    pub coverage: Coverage,
+struct Pictured<'a> {
+    name: &'a str,
+    site: &'a ViewSite,
+    coverage: Coverage,
     /// Voxels that some rig saw.
-    pub observable: Vec<usize>,
-    pub origin: LocalOrigin,
+    observable: Vec<usize>,
+    origin: LocalOrigin,
 }
 
-impl Pictured {
+impl<'a> Pictured<'a> {
+    fn new(rig: &Rig, (view, source): (&'a CastView, &'a SiteSource)) -> Self {
+        Self {
+            name: &source.scene,
+            site: view.site(),
+            coverage: view.cover(rig),
+            observable: view.cells_seen_by_any(),
+            origin: source.origin,
+        }
+    }
+
     /// Of groups of voxels that another mount saw and this one does not the largest.
     fn blind_spots(&self) -> Vec<BlindSpot> {
         let is_unseen = |cell: &usize| figures::who_covers(&self.coverage, *cell) == figures::UNSEEN;
@@ -30,13 +40,20 @@ impl Pictured {
 }
 
 /// The answer, what it is compared with, how sure it is, and where it sees.
-pub(crate) fn page(document: &Document, rig: &Rig, sites: &[Pictured], made_by: &str) -> Report {
+pub(crate) fn page(
+    document: &Document,
+    rig: &Rig,
+    (cast, sources): (&CastSites, &[SiteSource]),
+    made_by: &str,
+) -> Report {
+    let places = cast.views().iter().zip(sources);
+    let sites: Vec<Pictured<'_>> = places.map(|place| Pictured::new(rig, place)).collect();
     let mut page = Report::new("Mounts for a scene", &document.sentence(), made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
     document.quality_line().iter().for_each(|line| page.paragraph(&format!("Counted: {line}.")));
-    for pictured in sites {
+    for pictured in &sites {
         if sites.len() > 1 {
-            page.heading(&pictured.name);
+            page.heading(pictured.name);
         }
         let Pictured { site, coverage, observable, origin, .. } = pictured;
         page.orbit(
@@ -56,7 +73,7 @@ pub(crate) fn page(document: &Document, rig: &Rig, sites: &[Pictured], made_by: 
     mounts(&mut page, document);
     certainty(&mut page, document);
     search(&mut page, document);
-    for pictured in sites {
+    for pictured in &sites {
         let of = if sites.len() > 1 { format!(": {}", pictured.name) } else { String::new() };
         page.heading(&format!("Who sees what{of}"));
         from_above(&mut page, document, rig, pictured);
@@ -64,7 +81,7 @@ pub(crate) fn page(document: &Document, rig: &Rig, sites: &[Pictured], made_by: 
     page
 }
 
-fn from_above(page: &mut Report, document: &Document, rig: &Rig, pictured: &Pictured) {
+fn from_above(page: &mut Report, document: &Document, rig: &Rig, pictured: &Pictured<'_>) {
     let Pictured { site, coverage, observable, origin, .. } = pictured;
     let names: Vec<&str> = document.best.judged.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let voxel_m = coverage.grid().voxel_m;

@@ -106,6 +106,13 @@ pub trait View: Sync {
     fn see(&self, rigs: &[Rig]) -> Vec<Seen>;
 }
 
+impl ViewError {
+    /// Whether another command line would do.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Ranges { .. } | Self::TooManyVoxels { .. })
+    }
+}
+
 /// Why a site cannot be viewed.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
@@ -133,7 +140,9 @@ pub enum ViewError {
         most: usize,
     },
     /// Range limits out of order.
-    #[error("{model}: ranges from {min_range_m} to {max_range_m} m, expected 0 or more, ascending")]
+    #[error(
+        "{model}: ranges from {min_range_m} to {max_range_m} m, expected 0 or more, ascending: give a larger --max-range"
+    )]
     Ranges {
         /// Of which sensor.
         model: String,
@@ -144,7 +153,8 @@ pub enum ViewError {
     },
     /// Nothing of the scene lies within the sensors' ranges.
     #[error(
-        "no surface of the scene can be seen from the trajectory: do scene and trajectory share a frame? The scene spans {bounds}"
+        "no surface of the scene can be seen from the trajectory within the limits of range and angle: do scene and trajectory share \
+         a frame, and is --max-range large enough? The scene spans {bounds}"
     )]
     NothingVisible {
         /// Bounds of the scene, in words.
