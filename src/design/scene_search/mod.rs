@@ -12,7 +12,7 @@ mod sites;
 mod state_file;
 mod weights;
 
-pub(crate) use answer::{Answer, Judged};
+pub(crate) use answer::{Answer, Judged, JudgedAtSite};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
 pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};

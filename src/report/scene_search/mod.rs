@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::design::optimize::StoppedBy;
 use crate::design::robustness::Criterion;
-use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
+use crate::design::scene_search::{Answer, Judged, JudgedAtSite, ModelError, Plan, SceneWeights, WeightRule};
 use crate::report::chart::number;
 use crate::simulate::view::{BuildCost, Quality};
 
@@ -135,29 +135,17 @@ pub(crate) struct TrajectoryDocument {
     pub duration_s: f64,
 }
 
-/// What the best mount, and what it is compared with, see of one site.
-pub(super) const SITE_COLUMNS: [&str; 6] = ["site", "mount", "seen", "voxels", "overlap", "J"];
-
 impl Document {
-    /// By site and mount what [`SITE_COLUMNS`] names.
-    fn site_rows(&self) -> Vec<[String; 6]> {
-        let mounts = [
-            Some(("best", &self.best.judged)),
-            self.answer.present.as_ref().map(|present| ("present", present)),
-        ];
-        let row = |at: usize, (name, judged): (&str, &Judged)| {
-            let seen = judged.by_site.get(at)?;
-            Some([
-                self.sites[at].scene.clone(),
-                name.to_owned(),
-                format!("{:.2} %", 100.0 * seen.observable_share),
-                number(seen.unique_voxels as f64, 0),
-                format!("{:.1} %", 100.0 * seen.overlap_ratio),
-                number(seen.objective, 1),
-            ])
-        };
-        let of_site = |at: usize| mounts.iter().flatten().filter_map(move |mount| row(at, *mount));
-        (0..self.sites.len()).flat_map(of_site).collect()
+    /// What the best mount and the present one see of each of several sites: its number, the mount, what it sees.
+    fn at_sites(&self) -> Vec<(usize, &'static str, &JudgedAtSite)> {
+        let mut seen = Vec::new();
+        for site in 0..self.sites.len() {
+            let present = self.answer.present.as_ref().map(|present| ("present", present));
+            for (name, judged) in [("best", &self.best.judged)].into_iter().chain(present) {
+                seen.extend(judged.by_site.get(site).map(|at_site| (site + 1, name, at_site)));
+            }
+        }
+        seen
     }
 
     /// What the score over several sites is.
@@ -270,6 +258,14 @@ impl Document {
             "trajectory     {:.1} m in {:.0} s, {}\n",
             self.trajectory.length_m, self.trajectory.duration_s, self.trajectory.source
         );
+        for (at, SiteDocument { scene, trajectory, reachable_voxels }) in self.sites.iter().enumerate() {
+            text += &format!(
+                "site {:<10}{scene}: {:.1} m, {}; {reachable_voxels} voxels can be seen\n",
+                at + 1,
+                trajectory.length_m,
+                trajectory.source
+            );
+        }
         text += &self.quality_line().map_or(String::new(), |line| format!("counted        {line}\n"));
         text += "mount                      seen    voxels  overlap           J\n";
         let mut line = |name: &str, judged: &Judged| {
@@ -282,10 +278,14 @@ impl Document {
             );
         };
         self.compared().into_iter().for_each(|(name, judged)| line(name, judged));
-        for [site, mount, seen, voxels, overlap, objective] in self.site_rows() {
+        for (site, mount, seen) in self.at_sites() {
             text += &format!(
-                "{:22}{seen:>9}{voxels:>10}{overlap:>9}{objective:>12}\n",
-                format!("{mount}, {site}")
+                "{:22}{:>9}{:10}{:7.1} %{:>12}\n",
+                format!("{mount}, site {site}"),
+                format!("{:.2} %", 100.0 * seen.observable_share),
+                seen.unique_voxels,
+                100.0 * seen.overlap_ratio,
+                number(seen.objective, 1)
             );
         }
         text += &self.sites_line().map_or(String::new(), |line| format!("sites          {line}\n"));

@@ -1,7 +1,7 @@
 //! The page of a search in a scene.
 
 use super::{Document, SiteSource};
-use crate::design::scene_search::Judged;
+use crate::design::scene_search::{Judged, JudgedAtSite};
 use crate::report::chart::{LineChart, Series, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::Rig;
@@ -107,8 +107,18 @@ fn mounts(page: &mut Report, document: &Document) {
     let rows: Vec<_> = document.compared().into_iter().map(row).collect();
     page.table(&["", "seen", "voxels", "overlap", "J"], &rows);
     if let Some(line) = document.sites_line() {
-        let rows: Vec<_> = document.site_rows().into_iter().map(Vec::from).collect();
-        page.table(&super::SITE_COLUMNS, &rows);
+        let row = |(site, mount, seen): (usize, &str, &JudgedAtSite)| {
+            vec![
+                document.sites[site - 1].scene.clone(),
+                mount.to_owned(),
+                format!("{:.2} %", 100.0 * seen.observable_share),
+                number(seen.unique_voxels as f64, 0),
+                format!("{:.1} %", 100.0 * seen.overlap_ratio),
+                number(seen.objective, 1),
+            ]
+        };
+        let rows: Vec<_> = document.at_sites().into_iter().map(row).collect();
+        page.table(&["site", "mount", "seen", "voxels", "overlap", "J"], &rows);
         page.paragraph(&format!("{line}."));
     }
     let row = |sensor: &crate::rig::SensorEntry| {
