@@ -15,6 +15,8 @@ use serde::Deserialize;
 use crate::support::{Case, shared, shared_folder, with_machine, with_shared};
 
 mod command;
+mod quality;
+mod sites;
 
 const ASKED: &str = "minutes of casting: set OUTRIGGER_STATISTICS=1 (and OUTRIGGER_SHARED)";
 
@@ -33,6 +35,24 @@ pub const CASES: &[Case] = &[
     crate::support::case("operators_and_housings_shade_in_the_search", command::operators_and_housings_shade),
     crate::support::case("of_mounts_that_see_alike_the_level_one_is_best", command::prefers_the_level_mount),
     crate::support::case("a_search_in_a_scene_goes_on_from_a_state_file", command::goes_on_from_a_state_file),
+    crate::support::case("views_count_returns_as_by_hand", quality::views_count_as_by_hand),
+    crate::support::case(
+        "limits_of_range_and_angle_cut_where_they_should",
+        quality::limits_cut_where_they_should,
+    ),
+    crate::support::case(
+        "the_model_knows_limits_of_range_angle_and_returns",
+        quality::the_model_knows_the_limits,
+    ),
+    crate::support::case(
+        "search_and_prediction_count_alike",
+        quality::the_search_and_the_prediction_count_alike,
+    ),
+    crate::support::case("a_map_of_voxels_has_no_normals", quality::a_map_has_no_normals),
+    crate::support::case("one_site_twice_is_that_site", sites::one_site_twice_is_that_site),
+    crate::support::case("the_score_of_two_sites_is_the_mean_of_theirs", sites::the_score_of_two_sites),
+    crate::support::case("sites_go_with_the_other_flags", sites::go_with_the_other_flags),
+    crate::support::case("sites_refuse_what_is_about_one", sites::refuse_what_is_about_one),
     crate::support::case("a_search_in_a_scene_refuses_what_it_cannot_use", command::refuses),
 ];
 

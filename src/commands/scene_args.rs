@@ -7,8 +7,10 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
+use super::ensure_consistent;
+use crate::simulate::quality::Quality;
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::{Mesh, MeshUnit, UNITS, UpAxis};
+use crate::world::scene::{Mesh, MeshUnit, Scene, UNITS, UpAxis};
 use crate::world::surface::{SurfaceSamples, read_points};
 use crate::world::trajectory::PoseError;
 
@@ -56,6 +58,34 @@ impl PoseErrorArgs {
             rotation_sd_rad: self.attitude_sd.to_radians(),
             correlation_s: self.pose_memory,
         }
+    }
+}
+
+/// When a voxel counts as seen.
+#[derive(clap::Args, Debug, Clone, Copy)]
+pub struct QualityArgs {
+    /// Maximum range at which a return counts [default: the model's].
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
+    pub(super) max_range: Option<f64>,
+    /// Largest angle between a beam and the surface's normal at which a return counts: 0 is perpendicular [default: any].
+    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 90.0))]
+    pub(super) max_incidence: Option<f64>,
+    /// Returns, of all sensors together, that make a voxel count as seen.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    min_hits: u16,
+}
+
+impl QualityArgs {
+    pub(crate) fn quality(&self) -> Quality {
+        let Self { max_range, max_incidence, min_hits } = *self;
+        Quality { max_range_m: max_range, max_incidence_deg: max_incidence, min_hits }
+    }
+
+    /// Refuses an angle of incidence where surfaces have no normals.
+    pub(crate) fn ensure_known_in(&self, scene: &Scene) -> anyhow::Result<()> {
+        let words = "--max-incidence: the scene is a map of voxels, which has no surface normals: give a mesh behind --scene, \
+                     or leave the flag out";
+        ensure_consistent([(self.max_incidence.is_some() && matches!(scene, Scene::Voxels(_)), words.into())])
     }
 }
 

@@ -6,6 +6,7 @@ use super::completeness::SurfaceDocument;
 use super::prediction::GridDocument;
 use crate::design::objective::Terms;
 use crate::rig::{Conflicts, Rig};
+use crate::simulate::quality::Quality;
 use crate::world::coverage::{Counts, Coverage};
 use crate::world::local_origin::LocalOrigin;
 
@@ -35,6 +36,9 @@ pub(crate) struct Document {
     /// Of a mesh.
     #[serde(flatten)]
     pub surface: Option<SurfaceDocument>,
+    /// When a voxel counts, where that was asked for; `reachable_voxels` has its limits of range and angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
     pub warnings: Vec<String>,
     pub wall_s: f64,
 }
@@ -60,6 +64,7 @@ pub(crate) struct Scored {
     /// Where the local frame of the grid begins.
     pub origin: LocalOrigin,
     pub trajectory_length_m: f64,
+    pub quality: Option<Quality>,
     pub warnings: Vec<String>,
     pub wall_s: f64,
     /// Of a mesh.
@@ -102,6 +107,7 @@ impl Document {
             grid: GridDocument::of(coverage.grid(), scored.origin),
             trajectory_length_m: scored.trajectory_length_m,
             surface: scored.surface,
+            quality: scored.quality,
             warnings: scored.warnings,
             wall_s: scored.wall_s,
         }
@@ -123,6 +129,9 @@ impl Document {
             100.0 * self.overlap_ratio,
             self.objective,
         );
+        text += &self
+            .quality
+            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(true)));
         for sensor in &self.sensors {
             text += &format!(
                 "{:22} {:10}{:8}{:8}{:9}{:9}\n",

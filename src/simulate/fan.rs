@@ -29,6 +29,8 @@ pub struct BeamFan {
     pub min_range_m: f64,
     /// Maximum range that counts, m.
     pub max_range_m: f64,
+    /// Least cosine between a beam and the normal against it; 0 where any counts.
+    pub min_cosine: f64,
     /// Revolutions per second.
     pub rate_hz: f64,
     /// Where the columns of each revolution lie.
@@ -52,6 +54,7 @@ impl BeamFan {
         Self {
             min_range_m: model.min_range_m,
             max_range_m: model.max_range_m,
+            min_cosine: 0.0,
             rate_hz,
             phase: Phase::Locked,
             phase_shift: 0.0,
@@ -162,7 +165,9 @@ impl BeamFan {
                 }
                 scene.cast_many(&origins_m, &directions, |ray, met| {
                     let Some(met) = met else { return };
-                    if (self.min_range_m..=self.max_range_m).contains(&met.distance_m) {
+                    let is_square =
+                        self.min_cosine == 0.0 || -met.normal.dot(directions[ray]) >= self.min_cosine;
+                    if is_square && (self.min_range_m..=self.max_range_m).contains(&met.distance_m) {
                         hit(origins_m[ray] + met.distance_m * directions[ray]);
                     }
                 });

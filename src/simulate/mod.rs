@@ -9,6 +9,7 @@ pub(crate) mod ideal;
 pub mod occluder;
 pub(crate) mod prediction;
 pub mod published;
+pub mod quality;
 pub(crate) mod rounds;
 pub mod scan;
 pub mod sweep;

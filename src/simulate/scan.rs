@@ -121,6 +121,8 @@ pub struct Scanner<'a> {
     pub sensor_errors: SensorErrors,
     /// Of noise and drop-out.
     pub seed: u64,
+    /// Returns of all sensors together that make a voxel count in a prediction.
+    pub min_hits: u16,
 }
 
 impl<'a> Scanner<'a> {
@@ -135,6 +137,7 @@ impl<'a> Scanner<'a> {
             occluders: (0..sensors).map(|sensor| Occluder::other_housings(rig, sensor)).collect(),
             sensor_errors: SensorErrors::default(),
             seed: 0,
+            min_hits: 1,
         }
     }
 

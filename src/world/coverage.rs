@@ -162,6 +162,19 @@ impl Coverage {
         self.outside
     }
 
+    /// Forgets the cells that fail a test, whoever hit them.
+    pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        let mut kept = Self::new(self.grid.clone(), self.sensors.len());
+        for (own, kept) in self.sensors.iter().zip(&mut kept.sensors) {
+            own.for_each(&self.grid, |cell| {
+                if keep(cell) {
+                    kept.mark(&self.grid, cell);
+                }
+            });
+        }
+        self.sensors = kept.sensors;
+    }
+
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let of = |cells: &Cells| match cells {

@@ -5,26 +5,25 @@ use std::time::Instant;
 use anyhow::{Context as _, bail};
 
 use super::args::Args;
-use super::scene_document::{document, write, write_page};
-use super::scene_rigs::{fineness, is_of_few_channels, largest, present, rig_space, sampling};
-use super::scene_runs::Run;
-use super::site::site;
+use super::scene_document::{write, write_page};
+use super::scene_rigs::{fineness, largest, present, rig_space, sampling};
+use super::scene_runs::{Run, asked};
+use super::site::sites;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
-use crate::design::scene_search::{SceneWeights, thinning};
-use crate::simulate::view::{CastView, CellView, Precision, View as _};
+use crate::design::scene_search::Views;
+use crate::report::scene_search::Document;
 
 /// What only a search in a published experiment knows.
-const OF_AN_EXPERIMENT: [&str; 16] = [
+const OF_AN_EXPERIMENT: [&str; 15] = [
     "method",
     "early_stop",
     "batch",
     "acquisition",
     "masters_max",
     "masters_min",
-    "robust",
     "tolerance",
     "free_spin",
     "draws",
@@ -36,7 +35,11 @@ const OF_AN_EXPERIMENT: [&str; 16] = [
     "export_published",
 ];
 /// And what only a search in a scene.
-const OF_A_SCENE: [&str; 15] = [
+const OF_A_SCENE: [&str; 19] = [
+    "site",
+    "max_range",
+    "max_incidence",
+    "min_hits",
     "trajectory",
     "rate",
     "trajectory_out",
@@ -57,7 +60,7 @@ const OF_A_SCENE: [&str; 15] = [
 const DEFAULT_EVALUATIONS: u64 = 1000;
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
 pub(crate) fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
-    let is_scene = args.scene.scene.is_some() || args.scene.room.is_some();
+    let is_scene = args.scene.scene.is_some() || args.scene.room.is_some() || !args.scene.site.is_empty();
     if is_scene {
         let why = "is about a published experiment, and --scene or --room searches another place";
         context.ensure_not_typed(&ExperimentArgs::ONLY_PUBLISHED, why)?;
@@ -65,7 +68,7 @@ pub(crate) fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
     } else {
         context.ensure_not_typed(
             &OF_A_SCENE,
-            "is about a search in a place of your own: add --scene or --room",
+            "is about a search in a place of your own: add --scene, --room or --site",
         )?;
     }
     Ok(is_scene)
@@ -78,9 +81,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let rigs = rig_space(args)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
-    let (site, mut warnings, source) = site(args, context)?;
+    let (sites, mut warnings) = sites(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
-    if let Some(path) = &args.scene.trajectory_out {
+    if let (Some(path), [(site, source)]) = (&args.scene.trajectory_out, &sites[..]) {
         files::write_whole(path, site.trajectory.moved(source.origin.world_m()).to_tum().as_bytes())
             .with_context(|| path.display().to_string())?;
     }
@@ -91,21 +94,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let seed = args.seed.unwrap_or(1);
     let mut units = rigs.units.clone();
     units.extend(present.iter().flat_map(|(units, _)| units.iter().cloned()));
-    let mut model = CellView::new(&site, &units, &sampling, &fineness(&rigs))?;
-    let cast = CastView::new(site.clone(), &units, &sampling, Precision::Single).map_err(wrong_usage)?;
-    let thinning = thinning(cast.rays(&largest(args, &rigs)), is_of_few_channels(&rigs));
-    let thinned = (thinning > 1)
-        .then(|| CastView::new(site, &units, &sampling.thinned(thinning), Precision::Single))
-        .transpose()
-        .map_err(wrong_usage)?;
-    let thinned = thinned.as_ref();
-    let weights = SceneWeights::new(args.scene.weights, model.observable());
-    let run =
-        Run { args, cast: &cast, thinned, thinning, weights, evaluations, seed, stage: &stage, stop: &stop };
+    let (sites, sources): (Vec<_>, Vec<_>) = sites.into_iter().unzip();
+    let asked = asked(args);
+    let views = Views::new(sites, &units, (&sampling, &fineness(&rigs)), &largest(args, &rigs), &asked)
+        .map_err(|error| if error.is_usage() { wrong_usage(error) } else { error.into() })?;
+    let Views { mut model, judges, weights } = views;
+    let run = Run { args, judges: &judges, weights, evaluations, seed, stage: &stage, stop: &stop };
+    let cast = &judges.cast;
     let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
     stage.next("casting what the best mount is compared with");
-    let answer = search.answer((&cast, thinned), &mut end.exact, present.as_ref().map(|(_, rig)| rig));
+    let answer = search.answer(&mut end.exact, present.as_ref().map(|(_, rig)| rig));
     drop(stage);
     let Some(answer) = answer else {
         bail!("stopped before the first exact evaluation: no mount was scored")
@@ -123,11 +122,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
     warnings[of_answer..].iter().for_each(|warning| output::say_notice(warning));
-    let origin = source.origin;
-    let mut document = document(args, &cast, &search, &end, answer, (start, source, warnings));
-    document.by_count = by_count;
+    let mut document = Document::new(&asked, cast, &search, &end, answer, &sources);
+    document.wall_s = start.elapsed().as_secs_f64();
+    (document.by_count, document.warnings) = (by_count, warnings);
     let written = write(args, &rigs, &document, &winner.values)
-        .and_then(|()| write_page(args, &cast, &document, &winner.rig, origin));
+        .and_then(|()| write_page(args, cast, &document, &winner.rig, &sources));
     output::print_result(context.json, &document, || document.summary(), &[])?;
     written?;
     Ok(Outcome::Done)

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use sensors::catalogue;
 
-use crate::commands::scene_args::{MeshArgs, Operator, Room};
+use crate::commands::scene_args::{MeshArgs, Operator, QualityArgs, Room};
 use crate::commands::scene_file::MapArgs;
 use crate::design::scene_search::WeightRule;
 use crate::recording::walk_text::WalkText;
@@ -37,6 +37,27 @@ impl FromStr for Counts {
     }
 }
 
+/// A scene and the trajectory through it; a walk is planned where there is none.
+#[derive(Clone, Debug)]
+pub(super) struct SiteArg {
+    pub scene: PathBuf,
+    pub trajectory: Option<WalkText>,
+}
+
+impl FromStr for SiteArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (scene, walk) = text.rsplit_once('=').map_or((text, None), |(scene, walk)| (scene, Some(walk)));
+        if scene.is_empty() || walk.is_some_and(str::is_empty) {
+            return Err(format!(
+                "{text:?}: give SCENE=TRAJECTORY, such as house.ply=walk.tum, or SCENE alone"
+            ));
+        }
+        Ok(Self { scene: scene.into(), trajectory: walk.map(str::parse).transpose()? })
+    }
+}
+
 /// Arguments of a search in a scene.
 #[derive(clap::Args, Debug)]
 pub struct SceneSearchArgs {
@@ -53,6 +74,10 @@ pub struct SceneSearchArgs {
         help_heading = "Scene"
     )]
     pub(super) room: Option<Room>,
+    /// A scene with its trajectory (as of --trajectory; without one a walk is planned). Given several times, the best mount for all
+    /// of them is searched: by the mean of their scores, or by the worst (--robust worst).
+    #[arg(long, value_name = "SCENE=TRAJECTORY", conflicts_with_all = ["scene", "room", "trajectory"], help_heading = "Scene")]
+    pub(super) site: Vec<SiteArg>,
     #[command(flatten)]
     pub(super) mesh: MeshArgs,
     #[command(flatten)]
@@ -79,6 +104,8 @@ pub struct SceneSearchArgs {
     /// Housings of the other sensors shade, too, unless --ideal.
     #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE", help_heading = "Model")]
     pub(super) operator: Option<Operator>,
+    #[command(flatten)]
+    pub(super) quality: QualityArgs,
     /// Judge by every N-th revolution.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) scan_stride: u32,

@@ -7,14 +7,13 @@ use super::scene_flags::Counts;
 use super::values::Corners;
 use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
-use crate::design::scene_search::RigSpace;
+use crate::design::scene_search::{RigSpace, is_of_few_channels};
 use crate::rig::{MountFile, Rig, Unit};
 use crate::simulate::published::Roll;
 use crate::simulate::view::{Fineness, Sampling};
 
 /// Least range of an ideal sensor, m.
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
-const FEW_CHANNELS: usize = 32;
 /// A search corrects its model, and may look coarsely: rays, and layers of height, m.
 const SEARCH_STEP_SHARE: f64 = 0.85;
 const SEARCH_LAYER_GAP_M: f64 = 0.15;
@@ -74,6 +73,7 @@ pub(super) fn sampling(args: &Args) -> Sampling {
         columns: args.experiment.of_scene().columns,
         scan_stride: args.scene.scan_stride,
         min_range_m: args.scene.ideal.then_some(IDEAL_MIN_RANGE_M),
+        quality: args.scene.quality.quality(),
         ..Sampling::default()
     }
 }
@@ -103,15 +103,10 @@ pub(super) fn largest(args: &Args, rigs: &RigSpace) -> Rig {
     }
 }
 
-/// Whether many revolutions have to fill the gaps of some sensor.
-pub(super) fn is_of_few_channels(rigs: &RigSpace) -> bool {
-    rigs.units.iter().any(|unit| unit.model.channels() < FEW_CHANNELS)
-}
-
 /// How finely the model of a search looks.
 pub(super) fn fineness(rigs: &RigSpace) -> Fineness {
     Fineness {
-        views: if is_of_few_channels(rigs) { 100 } else { 50 },
+        views: if is_of_few_channels(&rigs.any()) { 100 } else { 50 },
         step_share: SEARCH_STEP_SHARE,
         ..Fineness::between(rigs.bounds.z_m)
     }

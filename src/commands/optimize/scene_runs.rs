@@ -8,20 +8,18 @@ use super::args::Args;
 use super::scene_flags::Counts;
 use crate::commands::output;
 use crate::commands::stage::Stage;
+use crate::design::robustness::Criterion;
 use crate::design::scene_search::{
-    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
+    Asked, Findings, Judges, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
+    share_of,
 };
 use crate::report::scene_search::CountDocument;
-use crate::simulate::view::{CastView, CellView, View};
+use crate::simulate::view::CellSites;
 
 /// What all searches of a command share.
 pub(super) struct Run<'a, 's> {
     pub(super) args: &'s Args,
-    pub(super) cast: &'a CastView,
-    /// With the beams that judge while searching, where these are not all.
-    pub(super) thinned: Option<&'a CastView>,
-    /// One beam in so many is among them.
-    pub(super) thinning: u32,
+    pub(super) judges: &'a Judges,
     pub(super) weights: SceneWeights,
     pub(super) evaluations: usize,
     pub(super) seed: u64,
@@ -29,12 +27,25 @@ pub(super) struct Run<'a, 's> {
     pub(super) stop: &'s AtomicBool,
 }
 
+/// What the document and the state file say of the command.
+pub(super) fn asked(args: &Args) -> Asked<'_> {
+    Asked {
+        sensors: &args.scene.sensors,
+        weights: args.scene.weights,
+        is_ideal: args.scene.ideal,
+        columns: args.experiment.of_scene().columns,
+        scan_stride: args.scene.scan_stride,
+        quality: args.scene.quality.quality(),
+        criterion: args.robust.unwrap_or(Criterion::Expected),
+    }
+}
+
 impl<'a> Run<'a, '_> {
     /// Searches with each number of sensors that is asked for; the rigs of the best number by J, and what was found there.
     pub(super) fn by_count(
         &self,
         rigs: RigSpace,
-        model: &mut CellView,
+        model: &mut CellSites,
     ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<CountDocument>)> {
         let Some(Counts(first, last)) = self.args.scene.count else { return Ok((rigs, None, Vec::new())) };
         let mut best: Option<(f64, RigSpace, Findings)> = None;
@@ -50,22 +61,20 @@ impl<'a> Run<'a, '_> {
                 ));
                 continue;
             };
-            found.push(CountDocument {
-                sensors,
-                unique_voxels: winner.seen.union as u64,
-                observable_share: 0.0,
-                objective: winner.objective(),
-            });
+            found.push((sensors, winner.seen.clone(), winner.objective()));
             if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
                 best = Some((winner.objective(), rigs.clone(), findings));
             }
         }
-        let observable = self.weights.observable.max(self.cast.seen_by_any()).max(1);
-        found
-            .iter_mut()
-            .for_each(|found| found.observable_share = found.unique_voxels as f64 / observable as f64);
+        let observable = self.judges.cast.observable(&self.weights.by_site);
+        let compared = found.into_iter().map(|(sensors, seen, objective)| CountDocument {
+            sensors,
+            unique_voxels: seen.union as u64,
+            observable_share: share_of(&seen, &observable),
+            objective,
+        });
         match best {
-            Some((_, rigs, findings)) => Ok((rigs, Some(findings), found)),
+            Some((_, rigs, findings)) => Ok((rigs, Some(findings), compared.collect())),
             None => bail!(
                 "none of {first} to {last} sensors fits: give a larger --space, or a smaller --clearance"
             ),
@@ -76,37 +85,26 @@ impl<'a> Run<'a, '_> {
     pub(super) fn search<'b>(
         &self,
         rigs: &'b RigSpace,
-        model: &'b mut CellView,
+        model: &'b mut CellSites,
         known: Option<Findings>,
     ) -> anyhow::Result<(SceneSearch<'b>, SearchEnd)>
     where
         'a: 'b,
     {
-        let plan = Plan::new(self.evaluations, self.seed, self.cast.rays(&rigs.any()), self.thinning);
+        let rays = self.judges.cast.rays(&rigs.any());
+        let plan = Plan::new(self.evaluations, self.seed, rays, self.judges.thinning);
         let mut state = None;
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
             (None, Some(path)) => {
-                let (of, settings) = (&self.args.scene, self.args.experiment.of_scene());
-                let asked = Asked {
-                    sensors: &of.sensors,
-                    weights: of.weights,
-                    is_ideal: of.ideal,
-                    columns: settings.columns,
-                    scan_stride: of.scan_stride,
-                };
-                let question = Question::of(&asked, &plan, rigs, self.cast);
+                let question = Question::of(&asked(self.args), &plan, rigs, self.judges.cast.views());
                 let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known
             }
             (None, None) => Findings::default(),
         };
-        let judges: (&dyn View, Option<&dyn View>) = match self.thinned {
-            Some(thinned) => (thinned, Some(self.cast)),
-            None => (self.cast, None),
-        };
-        let mut search = SceneSearch::new(rigs, model, judges, self.weights, plan, known)?;
+        let mut search = SceneSearch::new(rigs, model, self.judges, self.weights.clone(), plan, known)?;
         self.stage.counts(self.evaluations as u64, 0);
         let failed = std::cell::RefCell::new(None);
         let progress = |search: &SceneSearch<'_>, what: &str| {

@@ -1,16 +1,17 @@
-//! The scene and the trajectory of a search.
+//! The scenes and the trajectories of a search.
+
+use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use glam::DVec3;
 
 use super::args::Args;
 use crate::commands::scene_args::Operator;
 use crate::commands::{Context, scene_file, wrong_usage};
 use crate::recording::walk_text::WalkText;
+use crate::report::scene_search::SiteSource;
 use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
 use crate::simulate::walk::Walk;
-use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::LoadedScene;
 use crate::world::trajectory::Trajectory;
@@ -18,13 +19,51 @@ use crate::world::trajectory::Trajectory;
 /// Edge of a voxel where none is given, m.
 const DEFAULT_VOXEL_M: f64 = 0.1;
 
-/// Where is searched, what is odd about it, and where the trajectory comes from.
-pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
+/// Where is searched, and what is odd about it.
+pub(super) fn sites(
+    args: &Args,
+    context: Context,
+) -> anyhow::Result<(Vec<(ViewSite, SiteSource)>, Vec<String>)> {
+    let of = &args.scene;
+    let mut places: Vec<Place<'_>> =
+        of.site.iter().map(|site| (Some(site.scene.as_path()), site.trajectory.as_ref())).collect();
+    if places.is_empty() {
+        places.push((of.scene.as_deref(), of.trajectory.as_ref()));
+    }
+    if !places.iter().any(|(_, walk)| matches!(walk, Some(WalkText::File(_)))) {
+        context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
+    }
+    if places.len() > 1 {
+        let why = "writes one trajectory, and there are several --site: give one of them by --scene and --trajectory";
+        context.ensure_not_typed(&["trajectory_out"], why)?;
+    } else {
+        let why = "is about a published experiment, or about several --site";
+        context.ensure_not_typed(&["robust"], why)?;
+    }
+    let mut warnings = Vec::new();
+    let mut sites = Vec::new();
+    for place in places {
+        let (site, more, source) = site(args, context, place)?;
+        warnings.extend(more);
+        sites.push((site, source));
+    }
+    Ok((sites, warnings))
+}
+
+/// A scene, unless it is the room, and a trajectory.
+type Place<'a> = (Option<&'a Path>, Option<&'a WalkText>);
+
+fn site(
+    args: &Args,
+    context: Context,
+    (scene, walk): Place<'_>,
+) -> anyhow::Result<(ViewSite, Vec<String>, SiteSource)> {
     let scene_args = &args.scene;
-    let (scene, room) = (scene_args.scene.as_deref(), scene_args.room);
-    let loaded = scene_file::read_or_room(scene, room, &scene_args.mesh, &scene_args.map, context)?;
+    let loaded =
+        scene_file::read_or_room(scene, scene_args.room, &scene_args.mesh, &scene_args.map, context)?;
     let mut loaded = loaded.context("give --scene or --room")?;
-    let (trajectory, source) = walk_of(args, context, &mut loaded)?;
+    scene_args.quality.ensure_known_in(&loaded.scene)?;
+    let (trajectory, source) = walk_of(args, (scene, walk), &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;
     let operator = scene_args.operator.map(|Operator(capsule)| capsule);
@@ -32,24 +71,11 @@ pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, V
     Ok((ViewSite { scene: loaded.scene, trajectory, grid, shades }, loaded.warnings, source))
 }
 
-/// Where the trajectory comes from.
-pub(super) struct WalkSource {
-    pub name: String,
-    /// Of a walk that was planned here.
-    pub corners_m: Vec<DVec3>,
-    /// Where the local frame of scene and trajectory begins.
-    pub origin: LocalOrigin,
-}
-
 fn walk_of(
     args: &Args,
-    context: Context,
+    (path, source): Place<'_>,
     loaded: &mut LoadedScene,
-) -> anyhow::Result<(Trajectory, WalkSource)> {
-    if !matches!(args.scene.trajectory, Some(WalkText::File(_))) {
-        context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
-    }
-    let source = args.scene.trajectory.as_ref();
+) -> anyhow::Result<(Trajectory, SiteSource)> {
     let Walk { trajectory, corners_m, doubts } =
         WalkText::walk_through(source, args.scene.rate, &loaded.scene, loaded.origin)?;
     let name = match source {
@@ -65,5 +91,6 @@ fn walk_of(
     }
     loaded.warnings.extend(placement.doubts.iter().map(|doubt| format!("{name}: {doubt}")));
     let corners_m = corners_m.into_iter().map(|corner_m| loaded.origin.world(corner_m)).collect();
-    Ok((trajectory, WalkSource { name, corners_m, origin: loaded.origin }))
+    let place = path.map_or("room".into(), |path| path.display().to_string());
+    Ok((trajectory, SiteSource { scene: place, name, corners_m, origin: loaded.origin }))
 }

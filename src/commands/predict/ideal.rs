@@ -36,17 +36,8 @@ pub struct IdealArgs {
 }
 
 /// What has no use for ideal sensors.
-const OF_REAL_SENSORS: [&str; 9] = [
-    "fidelity",
-    "out",
-    "spin_phase",
-    "range_noise",
-    "max_incidence",
-    "reflectivity",
-    "drop_out",
-    "sub_rays",
-    "no_housings",
-];
+const OF_REAL_SENSORS: [&str; 8] =
+    ["fidelity", "out", "spin_phase", "range_noise", "reflectivity", "drop_out", "sub_rays", "no_housings"];
 
 /// Casts and prints.
 pub fn run(
@@ -100,6 +91,7 @@ pub fn run(
         rays,
         origin: loaded.origin,
         trajectory_length_m: sensors.trajectory.length_m(),
+        quality: sampling.quality.asked(),
         warnings: notices.chain(loaded.warnings).chain(placement.doubts).collect(),
         wall_s,
         surface: surface_document,

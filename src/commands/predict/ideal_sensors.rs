@@ -31,7 +31,8 @@ fn fan(unit: &Unit, sampling: &Sampling) -> BeamFan {
     let columns = sampling.columns.unwrap_or(unit.columns);
     let mut fan = BeamFan::nominal(&unit.model, columns as usize, sampling.rate_hz.unwrap_or(unit.rate_hz));
     fan.min_range_m = sampling.min_range_m.unwrap_or(fan.min_range_m);
-    fan.max_range_m = sampling.max_range_m.unwrap_or(fan.max_range_m);
+    fan.max_range_m = sampling.quality.max_range_m.unwrap_or(fan.max_range_m);
+    fan.min_cosine = sampling.quality.min_cosine();
     fan
 }
 

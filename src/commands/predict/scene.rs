@@ -33,6 +33,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
     }
+    args.sensing.quality.ensure_known_in(&site.loaded.scene)?;
     let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
     let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
     if args.ideal.ideal {
@@ -64,6 +65,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
     let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);
     (document.baselines, document.wall_s) = (baselines, wall_s);
+    document.quality = args.sensing.quality.quality().asked();
     if args.fidelity != Some(FidelityArg::Given) {
         stage.next("measuring what the model leaves out");
         document.left_out = Some(omissions(&scanner, &site.grid));

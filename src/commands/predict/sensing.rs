@@ -1,7 +1,7 @@
 //! How the sensors of a prediction spin, and what is less than perfect about them.
 
 use crate::commands::ensure_consistent;
-use crate::commands::scene_args::Operator;
+use crate::commands::scene_args::{Operator, QualityArgs};
 use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
 use crate::simulate::scan::{Scanner, SensorErrors, Spin};
@@ -21,15 +21,11 @@ pub struct SensingArgs {
     /// Least range that is reported [default: the model's].
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     min_range: Option<f64>,
-    /// Maximum range that is reported [default: the model's].
-    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
-    max_range: Option<f64>,
+    #[command(flatten)]
+    pub(super) quality: QualityArgs,
     /// Standard deviation of a range.
     #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = crate::commands::ranges::within(0.0, 100.0))]
     range_noise: f64,
-    /// Surfaces seen more obliquely return nothing.
-    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 90.0))]
-    max_incidence: Option<f64>,
     /// Reflectivity of all surfaces, matt, above 0 and at most 1: dark, far and grazing ones then lose returns
     /// [default: every return is detected].
     #[arg(long, value_name = "SHARE", value_parser = crate::commands::ranges::within(1e-6, 1.0))]
@@ -59,7 +55,7 @@ impl SensingArgs {
             columns,
             rate_hz: self.spin_rate,
             min_range_m: self.min_range.or(Some(IDEAL_MIN_RANGE_M)),
-            max_range_m: self.max_range,
+            quality: self.quality.quality(),
             ..Sampling::default()
         }
     }
@@ -90,19 +86,19 @@ impl SensingArgs {
         }
         scanner.sensor_errors = SensorErrors {
             min_range_m: self.min_range,
-            max_range_m: self.max_range,
+            max_range_m: self.quality.max_range,
             range_noise_m: self.range_noise,
-            max_incidence_rad: self.max_incidence.map(f64::to_radians),
+            max_incidence_rad: self.quality.max_incidence.map(f64::to_radians),
             drop_out: self.drop_out,
             detection: self.reflectivity.map(|reflectivity| Detection { reflectivity }),
             sub_rays: self.sub_rays,
         };
-        scanner.seed = seed;
+        (scanner.seed, scanner.min_hits) = (seed, self.quality.quality().min_hits);
         Ok(scanner)
     }
 
     pub(super) fn check(&self) -> anyhow::Result<()> {
-        let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range) else { return Ok(()) };
+        let (Some(min_m), Some(max_m)) = (self.min_range, self.quality.max_range) else { return Ok(()) };
         let words = format!("--min-range {min_m} is not below --max-range {max_m}");
         ensure_consistent([(min_m >= max_m, words)])
     }

@@ -2,13 +2,13 @@
 
 use serde::Serialize;
 
-use super::search::{Exact, SceneSearch, tilt_rad};
-use super::weights::angle_deg;
+use super::search::{Exact, Judges, SceneSearch, tilt_rad};
+use super::weights::{angle_deg, share_of};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
-use crate::simulate::view::{CastView, Seen, View};
+use crate::simulate::view::{CastSites, Seen};
 
 /// Loss of J that a flat range allows, as a share of the voxels seen.
 pub(crate) const FLAT_LOSS: f64 = 0.001;
@@ -32,6 +32,19 @@ pub(crate) struct Judged {
     pub per_sensor_voxels: Vec<u64>,
     pub terms: Terms,
     pub sensors: Vec<SensorEntry>,
+    /// Of several sites; what stands above is their mean, each scaled to the mean number of voxels that can be seen where the
+    /// weights are shares.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_site: Vec<JudgedAtSite>,
+}
+
+/// The same rig at one of several sites, as a search of that site alone scores it.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct JudgedAtSite {
+    pub objective: f64,
+    pub unique_voxels: u64,
+    pub observable_share: f64,
+    pub overlap_ratio: f64,
 }
 
 /// Where one coordinate of the winner may be, the others staying, by the corrected model.
@@ -65,9 +78,9 @@ const CLIFF_SHARE: f64 = 0.01;
 /// Everything about the winner.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Answer {
-    /// Voxels that can be seen: those that the model knows, and no fewer than the rigs that were cast see together.
+    /// By site the voxels that can be seen: those that the model knows, and no fewer than the rigs that were cast see together.
     #[serde(skip)]
-    pub observable_voxels: u64,
+    pub observable_voxels: Vec<u64>,
     #[serde(skip)]
     pub best: Judged,
     /// The same sensors at the winner's positions, none tilted.
@@ -125,26 +138,34 @@ impl Answer {
 
 impl SceneSearch<'_> {
     /// The score of a rig that was cast.
-    fn judged(&self, rig: &Rig, seen: &Seen, observable: u64) -> Judged {
+    fn judged(&self, rig: &Rig, seen: &Seen, observable: &[u64]) -> Judged {
         let terms = self.weights.terms(rig, seen);
+        let at_site = |(site, seen): (usize, &Seen)| JudgedAtSite {
+            objective: self.weights.objective_at(site, rig, seen),
+            unique_voxels: seen.union as u64,
+            observable_share: share_of(seen, &observable[site..=site]),
+            overlap_ratio: seen.overlap_ratio(),
+        };
         Judged {
             objective: terms.objective(),
             unique_voxels: seen.union as u64,
-            observable_share: seen.union / observable.max(1) as f64,
+            observable_share: share_of(seen, observable),
             overlap_ratio: seen.overlap_ratio(),
             min_angle_deg: angle_deg(rig),
             per_sensor_voxels: seen.per_sensor.iter().map(|count| *count as u64).collect(),
             terms,
             sensors: rig.sensors.iter().map(SensorEntry::of).collect(),
+            by_site: seen.by_site.iter().enumerate().map(at_site).collect(),
         }
     }
 
     /// What a rig sees at three starts of the revolutions. By thinned beams, where those searched, the counts scatter a little
     /// more than by all.
-    fn phases(&self, rig: &Rig, (cast, seen): (&CastView, &Seen), thinned: Option<&CastView>) -> Vec<Seen> {
-        let see = |cast: &CastView, phase: f64| cast.at_phase(phase).see(std::slice::from_ref(rig));
+    fn phases(&self, rig: &Rig, seen: &Seen) -> Vec<Seen> {
+        let Judges { cast, thinned, .. } = self.judges;
+        let see = |cast: &CastSites, phase: f64| cast.at_phase(phase).see(std::slice::from_ref(rig));
         let mut phases: Vec<Seen> =
-            PHASES.iter().flat_map(|phase| see(thinned.unwrap_or(cast), *phase)).collect();
+            PHASES.iter().flat_map(|phase| see(thinned.as_ref().unwrap_or(cast), *phase)).collect();
         phases.extend(match thinned {
             Some(thinned) => see(thinned, 0.0),
             None => vec![seen.clone()],
@@ -154,14 +175,10 @@ impl SceneSearch<'_> {
 
     /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
     /// one takes its place, among them the same positions level.
-    pub(crate) fn answer(
-        &self,
-        (cast, thinned): (&CastView, Option<&CastView>),
-        exact: &mut Vec<Exact>,
-        present: Option<&Rig>,
-    ) -> Option<Answer> {
+    pub(crate) fn answer(&self, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
+        let cast = &self.judges.cast;
         let first = exact.first()?;
-        let phases = self.phases(&first.rig, (cast, &first.seen), thinned);
+        let phases = self.phases(&first.rig, &first.seen);
         let counts: Vec<f64> = phases.iter().map(|seen| seen.union).collect();
         let mean = counts.iter().sum::<f64>() / counts.len() as f64;
         let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
@@ -183,8 +200,8 @@ impl SceneSearch<'_> {
         let mut rigs = vec![single, tilted];
         rigs.extend(present.cloned());
         let seen = cast.see(&rigs);
-        let observable = self.weights.observable.max(cast.seen_by_any());
-        let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, observable);
+        let observable = cast.observable(&self.weights.by_site);
+        let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, &observable);
         let mut judged: Vec<Judged> =
             rigs.iter().zip(&seen).map(|(rig, seen)| judged_of(rig, seen)).collect();
         let present = present.and_then(|_| judged.pop());
@@ -195,7 +212,6 @@ impl SceneSearch<'_> {
         let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
         let rays = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
-            observable_voxels: observable,
             best: judged_of(&winner.rig, &winner.seen),
             level: judged_of(&level.rig, &level.seen),
             present,
@@ -209,6 +225,7 @@ impl SceneSearch<'_> {
                 .collect(),
             flat: self.flat_ranges(winner),
             tolerance: self.tolerance_loss(winner),
+            observable_voxels: observable,
             rays,
         })
     }

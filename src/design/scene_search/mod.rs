@@ -8,12 +8,14 @@ mod answer;
 mod correction;
 mod rig_space;
 mod search;
+mod sites;
 mod state_file;
 mod weights;
 
-pub(crate) use answer::{Answer, Judged};
+pub(crate) use answer::{Answer, Judged, JudgedAtSite};
 pub(crate) use correction::ModelError;
-pub(crate) use rig_space::RigSpace;
-pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd, thinning};
+pub(crate) use rig_space::{RigSpace, is_of_few_channels};
+pub(crate) use search::{Findings, Judges, Plan, SceneSearch, SearchEnd};
+pub(crate) use sites::Views;
 pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
-pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};
+pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, share_of};

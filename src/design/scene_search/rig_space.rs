@@ -15,6 +15,14 @@ pub(crate) struct Master {
     pub is_mirrored: bool,
 }
 
+/// Fewer channels leave gaps that many revolutions have to fill.
+const FEW_CHANNELS: usize = 32;
+
+/// Whether some sensor of a rig leaves such gaps.
+pub(crate) fn is_of_few_channels(rig: &Rig) -> bool {
+    rig.sensors.iter().any(|sensor| sensor.model.channels() < FEW_CHANNELS)
+}
+
 /// The rigs among which is searched.
 #[derive(Clone, Debug)]
 pub(crate) struct RigSpace {

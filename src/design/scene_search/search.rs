@@ -4,12 +4,12 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::correction::{Correction, ModelError};
-use super::{RigSpace, SceneWeights};
+use super::{RigSpace, SceneWeights, is_of_few_channels};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
-use crate::simulate::view::{CellView, Seen, View};
+use crate::simulate::view::{CastSites, CellSites, Seen};
 
 /// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
 /// best mounts.
@@ -56,14 +56,30 @@ pub(crate) struct Plan {
     pub whole: usize,
 }
 
-/// One in how many beams of rigs that cast so many rays is cast while searching.
-pub(crate) fn thinning(rays_of_whole: u64, is_of_few_channels: bool) -> u32 {
-    let (most_rays, most) = THINNEST[usize::from(is_of_few_channels)];
+/// One in how many beams of rigs like this one is cast while searching.
+pub(super) fn thinning(cast: &CastSites, rig: &Rig) -> u32 {
+    let (most_rays, most) = THINNEST[usize::from(is_of_few_channels(rig))];
+    let rays = cast.rays(rig);
     let mut thinning = 1;
-    while rays_of_whole / u64::from(thinning) > most_rays && thinning < most {
+    while rays / u64::from(thinning) > most_rays && thinning < most {
         thinning *= 2;
     }
     thinning
+}
+
+/// What casts the beams of rigs.
+pub(crate) struct Judges {
+    pub cast: CastSites,
+    /// With the beams that judge while searching, where these are not all.
+    pub thinned: Option<CastSites>,
+    /// One beam in so many is among them.
+    pub thinning: u32,
+}
+
+impl Judges {
+    fn while_searching(&self) -> &CastSites {
+        self.thinned.as_ref().unwrap_or(&self.cast)
+    }
 }
 
 impl Plan {
@@ -124,10 +140,8 @@ struct Tried {
 /// A running search.
 pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
-    pub model: &'a mut CellView,
-    pub judge: &'a dyn View,
-    /// With every beam, where the judge casts a part of them.
-    pub whole: Option<&'a dyn View>,
+    pub model: &'a mut CellSites,
+    pub judges: &'a Judges,
     pub weights: SceneWeights,
     pub plan: Plan,
     space: Space,
@@ -180,8 +194,8 @@ impl<'a> SceneSearch<'a> {
     /// Bounds out of order.
     pub(crate) fn new(
         rigs: &'a RigSpace,
-        model: &'a mut CellView,
-        (judge, whole): (&'a dyn View, Option<&'a dyn View>),
+        model: &'a mut CellSites,
+        judges: &'a Judges,
         weights: SceneWeights,
         plan: Plan,
         known: Findings,
@@ -191,8 +205,7 @@ impl<'a> SceneSearch<'a> {
         Ok(Self {
             rigs,
             model,
-            judge,
-            whole,
+            judges,
             weights,
             plan,
             space,
@@ -265,9 +278,9 @@ impl<'a> SceneSearch<'a> {
             history: std::mem::take(&mut self.history),
             best_left,
         };
-        if let Some(whole) = self.whole {
+        if self.judges.thinned.is_some() {
             progress(self, "casting every beam of the best of them");
-            end.rays += self.judge_wholly(whole);
+            end.rays += self.judge_wholly();
         }
         end.exact = std::mem::take(&mut self.exact);
         end
@@ -284,11 +297,11 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// Keeps the best of those judged, with every beam. How many rays that takes.
-    fn judge_wholly(&mut self, whole: &dyn View) -> u64 {
+    fn judge_wholly(&mut self) -> u64 {
         self.exact.truncate(self.plan.whole);
         let seen = match &self.known.whole[..] {
             known if known.len() == self.exact.len() => known.to_vec(),
-            _ => whole.see(&self.exact.iter().map(|exact| exact.rig.clone()).collect::<Vec<_>>()),
+            _ => self.judges.cast.see(&self.exact.iter().map(|exact| exact.rig.clone()).collect::<Vec<_>>()),
         };
         self.found.whole.clone_from(&seen);
         for (exact, seen) in self.exact.iter_mut().zip(seen) {
@@ -492,7 +505,7 @@ impl<'a> SceneSearch<'a> {
         let first = self.exact.len();
         let seen = match self.known.exact.get(first..first + rigs.len()) {
             Some(known) => known.to_vec(),
-            None => self.judge.see(&rigs),
+            None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {

@@ -10,7 +10,8 @@ use super::search::{Findings, Plan};
 use super::weights::WeightRule;
 use crate::base::files;
 use crate::base::questions::first_difference;
-use crate::simulate::view::CastView;
+use crate::design::robustness::Criterion;
+use crate::simulate::view::{CastView, Quality, ViewSite};
 
 const FORMAT: &str = "outrigger-scene-search/2";
 
@@ -46,20 +47,18 @@ pub(crate) struct Asked<'a> {
     pub is_ideal: bool,
     pub columns: Option<u32>,
     pub scan_stride: u32,
+    pub quality: Quality,
+    /// Which J of several sites counts.
+    pub criterion: Criterion,
 }
 
 impl Question {
-    pub(crate) fn of(asked: &Asked<'_>, plan: &Plan, rigs: &RigSpace, cast: &CastView) -> Self {
-        let site = cast.site();
-        let of_scene: Vec<f64> =
-            site.scene.bounds_m().into_iter().flat_map(|bound_m| bound_m.to_array()).collect();
-        let trajectory = json!({
-            "length_m": site.trajectory.length_m(),
-            "time_span_ns": site.trajectory.time_span_ns(),
-        });
-        let question = json!({
-            "scene": { "bounds_m": of_scene, "triangles": site.scene.mesh().map(|mesh| mesh.triangles()) },
-            "trajectory": trajectory,
+    pub(crate) fn of(asked: &Asked<'_>, plan: &Plan, rigs: &RigSpace, sites: &[CastView]) -> Self {
+        let places: Vec<Value> = sites.iter().map(|cast| place(cast.site())).collect();
+        let site = sites[0].site();
+        let mut question = json!({
+            "scene": places[0]["scene"],
+            "trajectory": places[0]["trajectory"],
             "voxel_m": site.grid.voxel_m,
             "sensors": asked.sensors,
             "masters": rigs.masters.iter().map(|master| (master.unit, master.is_mirrored)).collect::<Vec<_>>(),
@@ -74,9 +73,28 @@ impl Question {
             "scan_stride": asked.scan_stride,
             "plan": plan,
         });
+        if let Some(quality) = asked.quality.asked() {
+            question["quality"] = json!(quality);
+        }
+        if sites.len() > 1 {
+            question["sites"] = json!(places);
+            question["robust"] = json!(asked.criterion);
+        }
         // once through text, so that it compares equal to what was read
         Self(serde_json::from_str(&question.to_string()).unwrap_or_default())
     }
+}
+
+fn place(site: &ViewSite) -> Value {
+    let bounds_m: Vec<f64> =
+        site.scene.bounds_m().into_iter().flat_map(|bound_m| bound_m.to_array()).collect();
+    json!({
+        "scene": { "bounds_m": bounds_m, "triangles": site.scene.mesh().map(|mesh| mesh.triangles()) },
+        "trajectory": {
+            "length_m": site.trajectory.length_m(),
+            "time_span_ns": site.trajectory.time_span_ns(),
+        },
+    })
 }
 
 #[derive(Serialize)]
@@ -122,7 +140,9 @@ impl SearchState {
         if read.format != FORMAT {
             return Err(SceneStateError::Format { path: path.into(), found: read.format });
         }
-        if let Some(other) = first_difference(&read.question, &state.question, &["/scene", "/trajectory"]) {
+        if let Some(other) =
+            first_difference(&read.question, &state.question, &["/scene", "/trajectory", "/sites"])
+        {
             let place = other.place.trim_start_matches('/').replace('/', " ");
             let difference = format!("{place} {}, asked for is {}", other.then, other.now);
             return Err(SceneStateError::OtherSearch { path: path.into(), difference });

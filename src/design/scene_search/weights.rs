@@ -1,6 +1,7 @@
 //! J in any scene: the published weights, as they are or as shares of what can be seen.
 
 use crate::design::objective::{Terms, Weights, min_angle_deg};
+use crate::design::robustness::Criterion;
 use crate::rig::{MountedSensor, Rig};
 use crate::simulate::view::Seen;
 
@@ -18,20 +19,31 @@ pub(crate) enum WeightRule {
     Published,
 }
 
-/// The coefficients of J in one scene.
-#[derive(Clone, Copy, Debug)]
+/// The coefficients of J in one scene, or over several sites.
+#[derive(Clone, Debug)]
 pub(crate) struct SceneWeights {
+    rule: WeightRule,
     pub weights: Weights,
-    /// Voxels that can be seen.
+    /// Voxels that can be seen; the mean over sites.
     pub observable: u64,
+    /// The same by site.
+    pub by_site: Vec<u64>,
+    /// Which J of several sites counts.
+    pub criterion: Criterion,
 }
 
 impl SceneWeights {
     pub(crate) fn new(rule: WeightRule, observable: u64) -> Self {
+        Self::of_sites(rule, vec![observable], Criterion::Expected)
+    }
+
+    /// Over sites with so many voxels that can be seen.
+    pub(crate) fn of_sites(rule: WeightRule, by_site: Vec<u64>, criterion: Criterion) -> Self {
         let published = Weights::default();
+        let observable = mean(&by_site);
         let scale = match rule {
             WeightRule::Published => 1.0,
-            WeightRule::Shares => observable as f64 / PUBLISHED_REACHABLE,
+            WeightRule::Shares => observable / PUBLISHED_REACHABLE,
         };
         let weights = Weights {
             sensor_cost: scale * published.sensor_cost,
@@ -42,20 +54,66 @@ impl SceneWeights {
             angle_penalty: scale * published.angle_penalty,
             ..published
         };
-        Self { weights, observable }
+        Self { rule, weights, observable: observable.round() as u64, by_site, criterion }
     }
 
-    /// The terms of J of a rig.
+    /// What a voxel of each site counts: by shares, a large site counts no more than a small one.
+    pub(crate) fn scales(&self) -> Vec<f64> {
+        let mean = mean(&self.by_site);
+        let scale = |observable: &u64| match self.rule {
+            WeightRule::Published => 1.0,
+            WeightRule::Shares => mean / (*observable).max(1) as f64,
+        };
+        self.by_site.iter().map(scale).collect()
+    }
+
+    /// The terms of J of a rig: over several sites their mean, or those of the worst.
     pub(crate) fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
+        if seen.by_site.is_empty() {
+            return self.scaled_terms(rig, seen, 1.0);
+        }
+        let sites = seen.by_site.iter().zip(self.scales());
+        let terms: Vec<Terms> = sites.map(|(seen, scale)| self.scaled_terms(rig, seen, scale)).collect();
+        if self.criterion == Criterion::Worst {
+            let worst = terms.into_iter().min_by(|a, b| a.objective().total_cmp(&b.objective()));
+            return worst.unwrap_or_else(|| self.scaled_terms(rig, seen, 1.0));
+        }
+        let mean = |term: fn(&Terms) -> f64| terms.iter().map(term).sum::<f64>() / terms.len() as f64;
+        Terms {
+            coverage: mean(|terms| terms.coverage),
+            overlap: mean(|terms| terms.overlap),
+            angular: mean(|terms| terms.angular),
+            cost: mean(|terms| terms.cost),
+            registration: 0.0,
+        }
+    }
+
+    /// J of a rig at one of several sites, as a search of that site alone scores it.
+    pub(crate) fn objective_at(&self, site: usize, rig: &Rig, seen: &Seen) -> f64 {
+        Self::new(self.rule, self.by_site[site]).terms(rig, seen).objective()
+    }
+
+    fn scaled_terms(&self, rig: &Rig, seen: &Seen, scale: f64) -> Terms {
         let weights = &self.weights;
         Terms {
-            coverage: seen.union,
+            coverage: scale * seen.union,
             overlap: weights.overlap_term(seen.overlap_ratio()),
             angular: weights.angular_term(angle_deg(rig)),
             cost: -weights.sensor_cost * rig.sensors.len() as f64,
             registration: 0.0,
         }
     }
+}
+
+/// Share of what can be seen that a rig sees; the mean over several sites. `observable` is by site.
+pub(crate) fn share_of(seen: &Seen, observable: &[u64]) -> f64 {
+    let sites = if seen.by_site.is_empty() { std::slice::from_ref(seen) } else { &seen.by_site };
+    let share = |(seen, all): (&Seen, &u64)| seen.union / (*all).max(1) as f64;
+    sites.iter().zip(observable).map(share).sum::<f64>() / sites.len() as f64
+}
+
+fn mean(counts: &[u64]) -> f64 {
+    counts.iter().sum::<u64>() as f64 / counts.len().max(1) as f64
 }
 
 /// Least angle between the spin axes of a rig, degrees; none for a single sensor.
@@ -75,5 +133,32 @@ mod tests {
         let small = SceneWeights::new(WeightRule::Shares, 3_505).weights;
         assert!((small.sensor_cost - 200.0).abs() < 0.1 && small.overlap_max == 0.10);
         assert_eq!(SceneWeights::new(WeightRule::Published, 3_505).weights, Weights::default());
+    }
+
+    #[test]
+    fn a_large_site_counts_as_much_as_a_small_one() {
+        let seen = |union: f64, by_site: Vec<Seen>| Seen {
+            per_sensor: vec![union],
+            union,
+            overlap: 0.0,
+            sd_voxels: None,
+            rays: 0,
+            by_site,
+        };
+        let rig = Rig { sensors: Vec::new() };
+        let sites = |unions: [f64; 2]| seen(0.0, unions.map(|union| seen(union, Vec::new())).to_vec());
+        let of = |rule, criterion| SceneWeights::of_sites(rule, vec![1_000, 9_000], criterion);
+        let coverage = |weights: &SceneWeights, unions| weights.terms(&rig, &sites(unions)).coverage;
+        let shares = of(WeightRule::Shares, Criterion::Expected);
+        assert!((coverage(&shares, [600.0, 1_800.0]) - 0.4 * 5_000.0).abs() < 1e-9);
+        assert!(
+            (coverage(&of(WeightRule::Shares, Criterion::Worst), [600.0, 1_800.0]) - 1_000.0).abs() < 1e-9
+        );
+        assert_eq!(coverage(&of(WeightRule::Published, Criterion::Expected), [600.0, 1_800.0]), 1_200.0);
+        assert!((share_of(&sites([600.0, 1_800.0]), &[1_000, 9_000]) - 0.4).abs() < 1e-12);
+        // of one site J is that of the site
+        let alone = SceneWeights::new(WeightRule::Shares, 9_000).terms(&rig, &seen(1_800.0, Vec::new()));
+        let of_site = shares.objective_at(1, &rig, &sites([600.0, 1_800.0]).by_site[1]);
+        assert_eq!(of_site, alone.objective());
     }
 }

@@ -38,6 +38,9 @@ pub(crate) fn page(
     for warning in &document.warnings {
         report.paragraph(warning);
     }
+    if let Some(quality) = document.quality {
+        report.paragraph(&format!("Voxels counted: {}.", quality.words(true)));
+    }
     for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }

@@ -11,6 +11,7 @@ use crate::design::registration::{PathRegistration, RegistrationQuality};
 use crate::rig::{Conflicts, MountedSensor};
 use crate::simulate::baselines::Baselines;
 use crate::simulate::prediction::{Omission, Prediction, SinglePrediction, Site, unknown_share};
+use crate::simulate::quality::Quality;
 use crate::simulate::scan::Scanner;
 use crate::world::coverage::VoxelGrid;
 use crate::world::local_origin::LocalOrigin;
@@ -55,6 +56,9 @@ pub(crate) struct Document {
     /// What the model leaves out; null unless asked for.
     pub left_out: Option<Vec<Omission>>,
     trajectory_length_m: f64,
+    /// When a voxel counts, where that was asked for; `reachable_voxels` has no such limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
     pub warnings: Vec<String>,
     /// Seconds that the rig's own scan took.
     pub wall_s: f64,
@@ -178,6 +182,7 @@ impl Document {
             conflicts,
             left_out: None,
             trajectory_length_m: scanner.trajectory.length_m(),
+            quality: None,
             warnings: loaded.warnings.clone(),
             wall_s: 0.0,
             total_s: 0.0,
@@ -210,6 +215,9 @@ impl Document {
                 sensor.unique_voxels
             );
         }
+        text += &self
+            .quality
+            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(false)));
         for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
             text += &format!(
                 "{name:15}{} at pitch {:.0}: {} voxels; the rig sees {:+}\n",

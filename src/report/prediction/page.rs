@@ -37,6 +37,9 @@ pub(crate) fn page(
     for warning in &document.warnings {
         report.paragraph(warning);
     }
+    if let Some(quality) = document.quality {
+        report.paragraph(&format!("Counted: {}.", quality.words(false)));
+    }
     for pair in &document.conflicts.violations {
         report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
     }

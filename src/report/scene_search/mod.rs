@@ -1,15 +1,18 @@
 //! What a search in a scene found: the JSON document and its summary.
 
+mod assemble;
 mod page;
 
-pub(crate) use page::{Pictured, page};
+pub(crate) use assemble::{SiteSource, masters};
+pub(crate) use page::page;
 
 use serde::Serialize;
 
 use crate::design::optimize::StoppedBy;
-use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
+use crate::design::robustness::Criterion;
+use crate::design::scene_search::{Answer, Judged, JudgedAtSite, ModelError, Plan, SceneWeights, WeightRule};
 use crate::report::chart::number;
-use crate::simulate::view::BuildCost;
+use crate::simulate::view::{BuildCost, Quality};
 
 /// The document.
 #[derive(Serialize)]
@@ -29,11 +32,17 @@ pub(crate) struct Document {
     pub model: ModelDocument,
     pub plan: Plan,
     pub weights: WeightsDocument,
-    /// Voxels that can be seen from the trajectory.
+    /// Voxels that can be seen from the trajectory; the mean over several sites.
     pub reachable_voxels: u64,
     pub voxel_m: f64,
     pub sampling: SamplingDocument,
     pub trajectory: TrajectoryDocument,
+    /// Where there are several; `by_site` of each judged mount has their order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sites: Vec<SiteDocument>,
+    /// Which score of several sites counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robust: Option<Criterion>,
     /// Evaluations and the best exact score then.
     pub history: Vec<(usize, f64)>,
     /// What fewer and more sensors see, where that was asked for.
@@ -103,6 +112,17 @@ pub(crate) struct SamplingDocument {
     pub scan_stride: u32,
     /// By model: columns per revolution and revolutions cast.
     pub spins: Vec<(String, usize, u64)>,
+    /// When a voxel counts, where that was asked for; `reachable_voxels` has its limits of range and angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
+}
+
+/// One of several sites.
+#[derive(Serialize)]
+pub(crate) struct SiteDocument {
+    pub scene: String,
+    pub trajectory: TrajectoryDocument,
+    pub reachable_voxels: u64,
 }
 
 /// Along which trajectory.
@@ -116,6 +136,33 @@ pub(crate) struct TrajectoryDocument {
 }
 
 impl Document {
+    /// What the best mount and the present one see of each of several sites: its number, the mount, what it sees.
+    fn at_sites(&self) -> Vec<(usize, &'static str, &JudgedAtSite)> {
+        let mut seen = Vec::new();
+        for site in 0..self.sites.len() {
+            let present = self.answer.present.as_ref().map(|present| ("present", present));
+            for (name, judged) in [("best", &self.best.judged)].into_iter().chain(present) {
+                seen.extend(judged.by_site.get(site).map(|at_site| (site + 1, name, at_site)));
+            }
+        }
+        seen
+    }
+
+    /// What the score over several sites is.
+    fn sites_line(&self) -> Option<String> {
+        let which = match self.robust? {
+            Criterion::Expected => "the mean over the sites",
+            Criterion::Worst => "that of the worst site",
+        };
+        let scaled = match self.weights.rule {
+            WeightRule::Shares => {
+                ", the voxels and J of each site scaled to the mean number that can be seen: a large site counts no more than a small one"
+            }
+            WeightRule::Published => "",
+        };
+        Some(format!("J is {which}{scaled}"))
+    }
+
     /// Share of what can be seen, in percent with as many digits as the starts of the revolutions allow.
     fn percent(&self, judged: &Judged) -> String {
         format!("{:.2} %", 100.0 * judged.observable_share)
@@ -128,7 +175,7 @@ impl Document {
             None => ("the level mount", &self.answer.level),
         };
         let most = self.best.error_bound.map_or(String::new(), |bound| {
-            let most = (self.best.judged.unique_voxels as f64 + bound) / self.reachable_voxels.max(1) as f64;
+            let most = self.best.judged.observable_share + bound / self.reachable_voxels.max(1) as f64;
             format!(
                 "; of {} mounts tried none sees more than {:.2} %",
                 self.evaluations,
@@ -186,6 +233,10 @@ impl Document {
         ))
     }
 
+    fn quality_line(&self) -> Option<String> {
+        self.sampling.quality.map(|quality| quality.words(true))
+    }
+
     fn cost_line(&self) -> String {
         let thinned = match self.plan {
             Plan { thinning: 1, .. } => String::new(),
@@ -213,6 +264,15 @@ impl Document {
             "trajectory     {:.1} m in {:.0} s, {}\n",
             self.trajectory.length_m, self.trajectory.duration_s, self.trajectory.source
         );
+        for (at, SiteDocument { scene, trajectory, reachable_voxels }) in self.sites.iter().enumerate() {
+            text += &format!(
+                "site {:<10}{scene}: {:.1} m, {}; {reachable_voxels} voxels can be seen\n",
+                at + 1,
+                trajectory.length_m,
+                trajectory.source
+            );
+        }
+        text += &self.quality_line().map_or(String::new(), |line| format!("counted        {line}\n"));
         text += "mount                      seen    voxels  overlap           J\n";
         let mut line = |name: &str, judged: &Judged| {
             text += &format!(
@@ -224,6 +284,17 @@ impl Document {
             );
         };
         self.compared().into_iter().for_each(|(name, judged)| line(name, judged));
+        for (site, mount, seen) in self.at_sites() {
+            text += &format!(
+                "{:22}{:>9}{:10}{:7.1} %{:>12}\n",
+                format!("{mount}, site {site}"),
+                format!("{:.2} %", 100.0 * seen.observable_share),
+                seen.unique_voxels,
+                100.0 * seen.overlap_ratio,
+                number(seen.objective, 1)
+            );
+        }
+        text += &self.sites_line().map_or(String::new(), |line| format!("sites          {line}\n"));
         for found in &self.by_count {
             text += &format!(
                 "{:22}{:>9}{:10}{:>21}\n",

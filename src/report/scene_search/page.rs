@@ -1,67 +1,96 @@
 //! The page of a search in a scene.
 
-use super::Document;
-use crate::design::scene_search::Judged;
+use super::{Document, SiteSource};
+use crate::design::scene_search::{Judged, JudgedAtSite};
 use crate::report::chart::{LineChart, Series, number};
-use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
+use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::Rig;
+use crate::simulate::view::{CastSites, CastView, ViewSite};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::Scene;
-use crate::world::trajectory::Trajectory;
 
-/// What the page shows of the scene.
-pub(crate) struct Pictured<'a> {
-    pub scene: &'a Scene,
-    pub trajectory: &'a Trajectory,
-    pub rig: &'a Rig,
-    pub coverage: &'a Coverage,
+/// What the page shows of a site.
+struct Pictured<'a> {
+    name: &'a str,
+    site: &'a ViewSite,
+    coverage: Coverage,
     /// Voxels that some rig saw.
-    pub observable: &'a [usize],
-    pub origin: LocalOrigin,
-    pub made_by: &'a str,
+    observable: Vec<usize>,
+    origin: LocalOrigin,
+}
+
+impl<'a> Pictured<'a> {
+    fn new(rig: &Rig, (view, source): (&'a CastView, &'a SiteSource)) -> Self {
+        Self {
+            name: &source.scene,
+            site: view.site(),
+            coverage: view.cover(rig),
+            observable: view.cells_seen_by_any(),
+            origin: source.origin,
+        }
+    }
+
+    /// Of groups of voxels that another mount saw and this one does not the largest.
+    fn blind_spots(&self) -> Vec<BlindSpot> {
+        let is_unseen = |cell: &usize| figures::who_covers(&self.coverage, *cell) == figures::UNSEEN;
+        let unseen = self.observable.iter().copied().filter(is_unseen);
+        let spots = blind_spots(self.coverage.grid(), unseen, MAX_BLIND_SPOTS).into_iter();
+        spots.map(|spot| spot.in_world(self.origin)).collect()
+    }
 }
 
 /// The answer, what it is compared with, how sure it is, and where it sees.
-pub(crate) fn page(document: &Document, pictured: &Pictured<'_>) -> Report {
-    let mut page = Report::new("Mounts for a scene", &document.sentence(), pictured.made_by);
+pub(crate) fn page(
+    document: &Document,
+    rig: &Rig,
+    (cast, sources): (&CastSites, &[SiteSource]),
+    made_by: &str,
+) -> Report {
+    let places = cast.views().iter().zip(sources);
+    let sites: Vec<Pictured<'_>> = places.map(|place| Pictured::new(rig, place)).collect();
+    let mut page = Report::new("Mounts for a scene", &document.sentence(), made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
-    let (coverage, grid) = (pictured.coverage, pictured.coverage.grid());
-    let unseen = pictured
-        .observable
-        .iter()
-        .copied()
-        .filter(|cell| figures::who_covers(coverage, *cell) == figures::UNSEEN);
-    let spots: Vec<_> = blind_spots(grid, unseen, MAX_BLIND_SPOTS)
-        .into_iter()
-        .map(|spot| spot.in_world(pictured.origin))
-        .collect();
-    page.orbit(
-        orbit::seen(
-            pictured.scene,
-            pictured.trajectory,
-            (pictured.rig, &[]),
-            grid.voxel_m,
-            figures::who_covers_each(coverage, pictured.observable),
-            &spots,
-            pictured.origin,
-        ),
-        "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that another mount \
-         of the search saw and this one does not.",
-    );
+    document.quality_line().iter().for_each(|line| page.paragraph(&format!("Counted: {line}.")));
+    for pictured in &sites {
+        if sites.len() > 1 {
+            page.heading(pictured.name);
+        }
+        let Pictured { site, coverage, observable, origin, .. } = pictured;
+        page.orbit(
+            orbit::seen(
+                &site.scene,
+                &site.trajectory,
+                (rig, &[]),
+                coverage.grid().voxel_m,
+                figures::who_covers_each(coverage, observable),
+                &pictured.blind_spots(),
+                *origin,
+            ),
+            "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that another mount \
+             of the search saw and this one does not.",
+        );
+    }
     mounts(&mut page, document);
     certainty(&mut page, document);
     search(&mut page, document);
-    let names: Vec<&str> = document.best.judged.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    let above = FromAbove::new(pictured.scene.bounds_m(), grid.voxel_m, figures::WHO_CLASSES);
-    let mut above = above.around(pictured.origin).with_rig(pictured.trajectory, pictured.rig);
-    figures::who_covers_each(coverage, pictured.observable)
-        .for_each(|(place_m, class)| above.add(place_m, class));
-    page.heading("Who sees what");
-    let classes = figures::who_classes(&names, "seen by another mount only");
-    figures::from_above(&mut page, &above, &classes, "scene");
-    figures::blind_spot_table(&mut page, &spots, grid.voxel_m);
+    for pictured in &sites {
+        let of = if sites.len() > 1 { format!(": {}", pictured.name) } else { String::new() };
+        page.heading(&format!("Who sees what{of}"));
+        from_above(&mut page, document, rig, pictured);
+    }
     page
+}
+
+fn from_above(page: &mut Report, document: &Document, rig: &Rig, pictured: &Pictured<'_>) {
+    let Pictured { site, coverage, observable, origin, .. } = pictured;
+    let names: Vec<&str> = document.best.judged.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let voxel_m = coverage.grid().voxel_m;
+    let above = FromAbove::new(site.scene.bounds_m(), voxel_m, figures::WHO_CLASSES);
+    let mut above = above.around(*origin).with_rig(&site.trajectory, rig);
+    figures::who_covers_each(coverage, observable).for_each(|(place_m, class)| above.add(place_m, class));
+    let classes = figures::who_classes(&names, "seen by another mount only");
+    figures::from_above(page, &above, &classes, "scene");
+    figures::blind_spot_table(page, &pictured.blind_spots(), voxel_m);
 }
 
 fn mounts(page: &mut Report, document: &Document) {
@@ -77,6 +106,21 @@ fn mounts(page: &mut Report, document: &Document) {
     };
     let rows: Vec<_> = document.compared().into_iter().map(row).collect();
     page.table(&["", "seen", "voxels", "overlap", "J"], &rows);
+    if let Some(line) = document.sites_line() {
+        let row = |(site, mount, seen): (usize, &str, &JudgedAtSite)| {
+            vec![
+                document.sites[site - 1].scene.clone(),
+                mount.to_owned(),
+                format!("{:.2} %", 100.0 * seen.observable_share),
+                number(seen.unique_voxels as f64, 0),
+                format!("{:.1} %", 100.0 * seen.overlap_ratio),
+                number(seen.objective, 1),
+            ]
+        };
+        let rows: Vec<_> = document.at_sites().into_iter().map(row).collect();
+        page.table(&["site", "mount", "seen", "voxels", "overlap", "J"], &rows);
+        page.paragraph(&format!("{line}."));
+    }
     let row = |sensor: &crate::rig::SensorEntry| {
         let position_m = [sensor.x_m, sensor.y_m, sensor.z_m].map(|value| number(value, 4));
         let angles_deg = [sensor.pitch_deg, sensor.roll_deg].map(|value| number(value, 3));

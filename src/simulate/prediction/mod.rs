@@ -8,6 +8,8 @@ pub(crate) use doubts::doubts;
 pub(crate) use omissions::{Omission, omissions};
 pub(crate) use site::{Site, grid_of};
 
+use std::collections::HashMap;
+use std::hash::BuildHasherDefault;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -18,6 +20,7 @@ use super::baselines::{Baselines, SCAN_PITCHES_DEG, Single, by_scans, search_ste
 use super::occluder::Occluder;
 use super::rounds::{is_worth_settling, rounds};
 use super::scan::Scanner;
+use super::view::CellHasher;
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::VoxelMap;
@@ -30,6 +33,16 @@ pub(crate) struct Prediction {
     pub returns: Vec<u64>,
     /// Of a mesh.
     pub shares: Option<SurfaceShares>,
+}
+
+/// Returns by voxel.
+#[derive(Default)]
+struct Hits(HashMap<usize, u64, BuildHasherDefault<CellHasher>>);
+
+impl Hits {
+    fn add(&mut self, cell: usize, returns: u64) {
+        *self.0.entry(cell).or_default() += returns;
+    }
 }
 
 /// Scans the whole path.
@@ -55,17 +68,20 @@ fn scan(
     let turns: Vec<_> = (0..sensors).flat_map(|sensor| turns(scanner, sensor)).collect();
     let mut completeness = surface.map(|surface| Completeness::new(&surface.samples, &THRESHOLDS_M));
     let parts = 2 * rayon::current_num_threads();
-    let mut seen: Vec<_> =
-        (0..parts).map(|_| (Coverage::new(grid.clone(), sensors), vec![0; sensors])).collect();
+    let nothing = |_| (Coverage::new(grid.clone(), sensors), vec![0; sensors], Hits::default());
+    let mut seen: Vec<_> = (0..parts).map(nothing).collect();
     for (round, chosen) in rounds(turns.len() as u64).iter().enumerate() {
         let shares = chosen.par_chunks(chosen.len().div_ceil(parts).max(1));
-        seen.par_iter_mut().zip(shares).for_each(|((coverage, returns), share)| {
+        seen.par_iter_mut().zip(shares).for_each(|((coverage, returns, hits), share)| {
             let mut found = completeness.as_ref().map(|completeness| (completeness, completeness.adder()));
             for (sensor, columns) in share.iter().map(|turn| turns[*turn as usize].clone()) {
                 sweeps[sensor].columns(columns, |column| {
                     returns[sensor] += column.returns.len() as u64;
                     for back in &column.returns {
                         coverage.add(sensor, back.point_m);
+                        if scanner.min_hits > 1 {
+                            grid.index(back.point_m).iter().for_each(|cell| hits.add(*cell, 1));
+                        }
                         found
                             .iter_mut()
                             .for_each(|(completeness, adder)| completeness.add(adder, back.point_m));
@@ -80,9 +96,14 @@ fn scan(
     }
     let mut coverage = Coverage::new(grid.clone(), sensors);
     let mut returns = vec![0; sensors];
-    for (more, counts) in &seen {
+    let mut hits = Hits::default();
+    for (more, counts, more_hits) in &seen {
         coverage.join(more);
         returns.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
+        more_hits.0.iter().for_each(|(cell, count)| hits.add(*cell, *count));
+    }
+    if scanner.min_hits > 1 {
+        coverage.retain(|cell| hits.0.get(&cell).is_some_and(|count| *count >= u64::from(scanner.min_hits)));
     }
     let shares = surface.zip(completeness.as_ref()).map(|(surface, found)| surface.shares(found));
     Prediction { coverage, returns, shares }

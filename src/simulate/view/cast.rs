@@ -1,5 +1,6 @@
 //! Every beam cast; only the bit of its voxel is stored.
 
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::{DMat3, DVec3};
@@ -7,7 +8,7 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::cells::reachable_voxels;
-use super::tiles::{self, Tiles};
+use super::tiles::{self, Marks, Tiles};
 use super::{Fan, Sampling, Scans, Seen, Shades, View, ViewError, ViewSite};
 use crate::base::instructions::Instructions;
 use crate::rig::{Mount, Rig, Unit};
@@ -36,6 +37,8 @@ pub struct CastView {
     site: ViewSite,
     units: Vec<(Fan, Scans)>,
     precision: Precision,
+    /// Returns that make a voxel count.
+    min_hits: u16,
     instructions: Instructions,
     observable: OnceLock<u64>,
     /// Voxels that any rig cast so far sees.
@@ -64,6 +67,7 @@ impl CastView {
             site,
             units,
             precision,
+            min_hits: sampling.quality.min_hits,
             instructions: Instructions::best(),
             observable: OnceLock::new(),
             seen_by_any: Arc::default(),
@@ -81,6 +85,7 @@ impl CastView {
             site: self.site.clone(),
             units: self.units.iter().map(|(fan, scans)| (fan.at_phase(phase), *scans)).collect(),
             precision: self.precision,
+            min_hits: self.min_hits,
             instructions: self.instructions,
             observable: self.observable.clone(),
             seen_by_any: Arc::clone(&self.seen_by_any),
@@ -135,6 +140,10 @@ impl CastView {
         let nothing = || -> Vec<Vec<Vec<u64>>> {
             rigs.iter().map(|rig| vec![vec![0; words]; rig.sensors.len()]).collect()
         };
+        let is_counting = self.min_hits > 1;
+        let voxels = if is_counting { self.site.grid.len() } else { 0 };
+        let no_hits = |_: &Rig| -> Vec<AtomicU16> { (0..voxels).map(|_| AtomicU16::new(0)).collect() };
+        let hits: Vec<Vec<AtomicU16>> = rigs.iter().map(no_hits).collect();
         let shades: Vec<Vec<Option<Shade>>> = rigs
             .par_iter()
             .map(|rig| (0..rig.sensors.len()).map(|at| self.shade(rig, at)).collect())
@@ -153,12 +162,12 @@ impl CastView {
             .map(|thread| {
                 let mut bitmaps = nothing();
                 for (unit, scan) in jobs.iter().skip(thread).step_by(threads) {
-                    self.cast_scan(*unit, *scan, (rigs, &shades), &mut bitmaps);
+                    self.cast_scan(*unit, *scan, (rigs, &shades, &hits), &mut bitmaps);
                 }
                 bitmaps
             })
             .collect();
-        parts
+        let mut bitmaps = parts
             .into_iter()
             .reduce(|mut all, part| {
                 let sensors = all.iter_mut().flatten().zip(part.iter().flatten());
@@ -167,7 +176,17 @@ impl CastView {
                 }
                 all
             })
-            .unwrap_or_else(nothing)
+            .unwrap_or_else(nothing);
+        for (bitmaps, hits) in bitmaps.iter_mut().zip(&hits).filter(|_| is_counting) {
+            for (at, hits) in hits.chunks(64).enumerate() {
+                let bit = |(bit, hits): (usize, &AtomicU16)| {
+                    u64::from(hits.load(Ordering::Relaxed) >= self.min_hits) << bit
+                };
+                let enough = hits.iter().enumerate().map(bit).fold(0, |word, bit| word | bit);
+                bitmaps.iter_mut().for_each(|bitmap| bitmap[at] &= enough);
+            }
+        }
+        bitmaps
     }
 
     /// One revolution of every sensor of a unit.
@@ -175,24 +194,25 @@ impl CastView {
         &self,
         unit: usize,
         scan: u64,
-        (rigs, shades): (&[Rig], &[Vec<Option<Shade>>]),
+        (rigs, shades, hits): (&[Rig], &[Vec<Option<Shade>>], &[Vec<AtomicU16>]),
         bitmaps: &mut [Vec<Vec<u64>>],
     ) {
         let (fan, scans) = &self.units[unit];
         let poses = scans.poses(&self.site.trajectory, scan);
-        for ((rig, shades), bitmaps) in rigs.iter().zip(shades).zip(bitmaps) {
+        for (((rig, shades), hits), bitmaps) in rigs.iter().zip(shades).zip(hits).zip(bitmaps) {
             for ((sensor, shade), bitmap) in rig.sensors.iter().zip(shades).zip(bitmaps) {
                 let shade = shade.as_deref();
                 if self.unit(&sensor.model) != unit {
                     continue;
                 }
                 let columns = columns(fan, &sensor.mount, &poses);
+                let marks = Marks { bitmap, hits };
                 match self.site.scene.mesh() {
                     Some(mesh) if self.precision == Precision::Single => {
                         let tiles = Tiles { site: &self.site, mesh, fan, instructions: self.instructions };
-                        tiles.mark(&columns, shade, bitmap);
+                        tiles.mark(&columns, shade, marks);
                     }
-                    _ => self.mark_precise(fan, (&columns, shade), bitmap),
+                    _ => self.mark_precise(fan, (&columns, shade), marks),
                 }
             }
         }
@@ -228,7 +248,7 @@ impl CastView {
         &self,
         fan: &Fan,
         (columns, shade): (&[(DMat3, DVec3)], Option<&[f32]>),
-        bitmap: &mut [u64],
+        mut marks: Marks<'_>,
     ) {
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
         // of each beam what its range counts before its origin, and how far it gets, m
@@ -249,22 +269,29 @@ impl CastView {
                         limits_m.push((beam.range_offset_m, f64::from(free_m)));
                     }
                 }
-                let mut met = |ray: usize, distance_m: Option<f64>| {
-                    let Some(distance_m) = distance_m else { return };
+                let is_square =
+                    |cosine: &dyn Fn() -> f64| fan.min_cosine == 0.0 || cosine() >= fan.min_cosine;
+                let mut met = |ray: usize, distance_m: f64, cosine: &dyn Fn() -> f64| {
                     let (offset_m, free_m) = limits_m[ray];
                     let is_in_range = (fan.min_range_m..=fan.max_range_m).contains(&(distance_m + offset_m));
-                    if !(is_in_range && distance_m < free_m) {
+                    if !(is_in_range && distance_m < free_m && is_square(cosine)) {
                         return;
                     }
                     let point_m = origins_m[ray] + distance_m * directions[ray];
                     if let Some(cell) = self.site.grid.index(point_m) {
-                        bitmap[cell / 64] |= 1 << (cell % 64);
+                        marks.mark(cell);
                     }
                 };
                 match self.site.scene.mesh() {
-                    Some(mesh) => mesh.cast_precise(&origins_m, &directions, met),
+                    Some(mesh) => mesh.cast_precise(&origins_m, &directions, |ray, hit| {
+                        if let Some((distance_m, triangle)) = hit {
+                            met(ray, distance_m, &|| mesh.cosine(triangle, directions[ray]));
+                        }
+                    }),
                     None => self.site.scene.cast_many(&origins_m, &directions, |ray, hit| {
-                        met(ray, hit.map(|hit| hit.distance_m));
+                        if let Some(hit) = hit {
+                            met(ray, hit.distance_m, &|| -hit.normal.dot(directions[ray]));
+                        }
                     }),
                 }
             }
@@ -291,6 +318,8 @@ impl View for CastView {
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
         let sensors = rigs.iter().map(|rig| rig.sensors.len()).max().unwrap_or(1).max(1);
         let bytes_of_rig = self.site.grid.len().div_ceil(8) * sensors * (rayon::current_num_threads() + 1);
+        let bytes_of_hits = if self.min_hits > 1 { 2 * self.site.grid.len() } else { 0 };
+        let bytes_of_rig = bytes_of_rig + bytes_of_hits;
         let together = (BITMAP_BYTES / bytes_of_rig.max(1)).max(1);
         let seen = |rigs: &[Rig]| {
             let bitmaps = self.bitmaps(rigs);

@@ -9,6 +9,7 @@ use sensors::{Pattern, SensorModel};
 use super::ViewError;
 use crate::base::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::{Mount, Unit};
+use crate::simulate::quality::Quality;
 
 /// Which beams are cast.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,8 +27,8 @@ pub struct Sampling {
     pub scan_stride: u32,
     /// Least range that counts, m; the model's where none.
     pub min_range_m: Option<f64>,
-    /// Maximum range that counts, m; the model's where none.
-    pub max_range_m: Option<f64>,
+    /// What a return and a voxel must be to count.
+    pub quality: Quality,
     /// How far the first column is turned on, in columns.
     pub phase: f64,
 }
@@ -42,7 +43,7 @@ impl Default for Sampling {
             rate_hz: None,
             scan_stride: 1,
             min_range_m: None,
-            max_range_m: None,
+            quality: Quality::default(),
             phase: 0.0,
         }
     }
@@ -91,6 +92,8 @@ pub struct Fan {
     pub min_range_m: f64,
     /// Maximum range that counts, m.
     pub max_range_m: f64,
+    /// Least cosine between a beam and the normal against it; 0 where any counts.
+    pub(super) min_cosine: f64,
     is_ideal: bool,
     /// Sensor from the frame in which columns turn.
     sensor_from_lidar: (DMat3, DVec3),
@@ -118,7 +121,7 @@ impl Fan {
         let columns = columns.max(1) as usize;
         let rate_hz = sampling.rate_hz.unwrap_or(unit.rate_hz);
         let min_range_m = sampling.min_range_m.unwrap_or(model.min_range_m);
-        let max_range_m = sampling.max_range_m.unwrap_or(model.max_range_m);
+        let max_range_m = sampling.quality.max_range_m.unwrap_or(model.max_range_m);
         if !(min_range_m >= 0.0 && max_range_m > min_range_m) {
             return Err(ViewError::Ranges { model: model.name.clone(), min_range_m, max_range_m });
         }
@@ -143,6 +146,7 @@ impl Fan {
             scan_stride: u64::from(sampling.scan_stride.max(1)),
             min_range_m,
             max_range_m,
+            min_cosine: sampling.quality.min_cosine(),
             is_ideal: sampling.is_ideal,
             sensor_from_lidar,
             step_rad,

@@ -7,13 +7,18 @@ mod cast;
 mod cells;
 mod fan;
 mod scans;
+mod sites;
 mod sphere;
 mod tiles;
 
 pub use cast::{CastView, Precision};
+pub(crate) use cells::CellHasher;
 pub use cells::{BuildCost, CellView, Fineness};
 pub use fan::{Fan, Sampling};
 pub use scans::Scans;
+pub(crate) use sites::{CastSites, CellSites};
+
+pub use super::quality::Quality;
 
 use super::occluder::Occluder;
 use crate::rig::Rig;
@@ -69,6 +74,9 @@ pub struct Seen {
     pub sd_voxels: Option<f64>,
     /// Beams cast.
     pub rays: u64,
+    /// The same of each site, where there are several; the counts above are their weighted mean then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_site: Vec<Seen>,
 }
 
 impl Seen {
@@ -84,6 +92,7 @@ impl Seen {
             overlap: counts.overlap as f64,
             sd_voxels: Some(0.0),
             rays,
+            by_site: Vec::new(),
         }
     }
 }
@@ -95,6 +104,13 @@ pub trait View: Sync {
 
     /// What each of these rigs sees, in their order. The same on any number of threads and with any instructions.
     fn see(&self, rigs: &[Rig]) -> Vec<Seen>;
+}
+
+impl ViewError {
+    /// Whether another command line would do.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Ranges { .. } | Self::TooManyVoxels { .. })
+    }
 }
 
 /// Why a site cannot be viewed.
@@ -124,7 +140,9 @@ pub enum ViewError {
         most: usize,
     },
     /// Range limits out of order.
-    #[error("{model}: ranges from {min_range_m} to {max_range_m} m, expected 0 or more, ascending")]
+    #[error(
+        "{model}: ranges from {min_range_m} to {max_range_m} m, expected 0 or more, ascending: give a larger --max-range"
+    )]
     Ranges {
         /// Of which sensor.
         model: String,
@@ -135,7 +153,8 @@ pub enum ViewError {
     },
     /// Nothing of the scene lies within the sensors' ranges.
     #[error(
-        "no surface of the scene can be seen from the trajectory: do scene and trajectory share a frame? The scene spans {bounds}"
+        "no surface of the scene can be seen from the trajectory within the limits of range and angle: do scene and trajectory share \
+         a frame, and is --max-range large enough? The scene spans {bounds}"
     )]
     NothingVisible {
         /// Bounds of the scene, in words.

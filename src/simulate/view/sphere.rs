@@ -2,11 +2,31 @@
 
 use glam::{DMat3, DVec3};
 
+use super::Fan;
 use crate::base::instructions::Instructions;
 use crate::world::scene::{PACKET, RayTile, Scene};
 
 /// Edge of a tile of pixels that are cast together.
 const TILE: usize = 4;
+
+/// How far and how obliquely surfaces count.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reach {
+    pub max_range_m: f64,
+    /// Least cosine between a ray and the normal against it.
+    pub min_cosine: f64,
+}
+
+impl Reach {
+    /// That of the farthest of some sensors.
+    pub(crate) fn of<'a>(fans: impl IntoIterator<Item = &'a Fan>) -> Self {
+        let nothing = Self { max_range_m: 0.0, min_cosine: 0.0 };
+        fans.into_iter().fold(nothing, |reach, fan| Self {
+            max_range_m: reach.max_range_m.max(fan.max_range_m),
+            min_cosine: fan.min_cosine,
+        })
+    }
+}
 
 /// What a pixel's ray meets.
 #[derive(Clone, Copy, Debug)]
@@ -56,19 +76,20 @@ impl SphereMap {
         self.directions.len() as u64
     }
 
-    /// Everything nearer than `max_range_m` around an eye in the body frame.
+    /// Everything within reach around an eye in the body frame.
     pub(crate) fn cast(
         &self,
         scene: &Scene,
         world_from_body: &(DMat3, DVec3),
         eye_m: DVec3,
-        max_range_m: f64,
+        reach: Reach,
         mut take: impl FnMut(SphereHit),
     ) {
         let (axes, body_m) = world_from_body;
         let origin_m = *body_m + *axes * eye_m;
-        let mut met = |pixel: usize, distance_m: f64| {
-            if distance_m <= max_range_m {
+        let Reach { max_range_m, min_cosine } = reach;
+        let mut met = |pixel: usize, distance_m: f64, cosine: f64| {
+            if distance_m <= max_range_m && (min_cosine == 0.0 || cosine >= min_cosine) {
                 let from_eye_m = distance_m * self.directions[pixel];
                 take(SphereHit {
                     from_eye_m,
@@ -82,7 +103,9 @@ impl SphereMap {
             for (tile, directions) in self.directions.chunks(PACKET).enumerate() {
                 let world: Vec<DVec3> = directions.iter().map(|direction| *axes * *direction).collect();
                 scene.cast_many(&origins_m[..world.len()], &world, |element, hit| {
-                    hit.into_iter().for_each(|hit| met(tile * PACKET + element, hit.distance_m));
+                    hit.into_iter().for_each(|hit| {
+                        met(tile * PACKET + element, hit.distance_m, -hit.normal.dot(world[element]));
+                    });
                 });
             }
             return;
@@ -97,9 +120,13 @@ impl SphereMap {
                     rays.direction[axis][element] = world[axis] as f32;
                 }
             }
-            let distances_m = mesh.cast_tile(&rays, max_range_m as f32, Instructions::best());
+            let (distances_m, cosines) = if min_cosine > 0.0 {
+                mesh.cast_tile_with_cosines(&rays, max_range_m as f32, Instructions::best())
+            } else {
+                (mesh.cast_tile(&rays, max_range_m as f32, Instructions::best()), [1.0; PACKET])
+            };
             for (element, distance_m) in distances_m.into_iter().enumerate() {
-                met(tile * PACKET + element, f64::from(distance_m));
+                met(tile * PACKET + element, f64::from(distance_m), cosines[element]);
             }
         }
     }

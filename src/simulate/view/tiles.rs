@@ -1,5 +1,7 @@
 //! Beams cast side by side in single precision, and the bits of the voxels that they meet.
 
+use std::sync::atomic::{AtomicU16, Ordering};
+
 use glam::{DMat3, DVec3};
 
 use super::fan::FanBeam;
@@ -16,15 +18,16 @@ pub(super) struct Tiles<'a> {
 }
 
 impl Tiles<'_> {
-    /// Sets the bits of the voxels that one revolution meets. `columns` are world from the frame of each column, `shade` is where
+    /// Marks the voxels that one revolution meets. `columns` are world from the frame of each column, `shade` is where
     /// each beam is stopped, column by column, m.
-    pub(crate) fn mark(&self, columns: &[(DMat3, DVec3)], shade: Option<&[f32]>, bitmap: &mut [u64]) {
+    pub(crate) fn mark(&self, columns: &[(DMat3, DVec3)], shade: Option<&[f32]>, marks: Marks<'_>) {
         let centre_m = self.mesh.centre_m();
         let columns: Vec<Column> = columns.iter().map(|column| Column::about(centre_m, column)).collect();
         let beams: Vec<Beam> = self.fan.beams.iter().map(Beam::of).collect();
         let pattern: Option<Vec<[f32; 4]>> =
             self.fan.pattern().map(|directions| directions.iter().map(four).collect());
-        self.instructions.run(Marking {
+        let is_strict = !marks.hits.is_empty() || self.fan.min_cosine > 0.0;
+        let marking = Marking::<false> {
             tiles: self,
             grid: Grid::new(self.site, centre_m),
             has_origins: beams.iter().any(|beam| beam.origin_m != [0.0; 4]),
@@ -32,8 +35,9 @@ impl Tiles<'_> {
             beams: &beams,
             pattern: pattern.as_deref(),
             shade,
-            bitmap,
-        });
+            marks,
+        };
+        if is_strict { self.instructions.run(marking.strict()) } else { self.instructions.run(marking) }
     }
 
     /// Beams that are cast together; as many columns as fill the packet. The flatter the bundle, the fewer boxes it meets.
@@ -45,6 +49,26 @@ impl Tiles<'_> {
         let edge_rad = |rows: usize| rows as f64 * row_rad + (PACKET / rows) as f64 * column_rad;
         let candidates = [4, 2, 1].into_iter().filter(|together| *together <= rows);
         candidates.min_by(|a, b| edge_rad(*a).total_cmp(&edge_rad(*b))).unwrap_or(1)
+    }
+}
+
+/// Where the returns of one sensor are noted.
+pub(super) struct Marks<'a> {
+    pub bitmap: &'a mut [u64],
+    /// Returns of the whole rig by voxel; empty where they are not counted.
+    pub hits: &'a [AtomicU16],
+}
+
+/// Returns of a voxel beyond this are not counted.
+pub(super) const MANY_HITS: u16 = 1 << 15;
+
+impl Marks<'_> {
+    #[inline(always)]
+    pub(crate) fn mark(&mut self, cell: usize) {
+        self.bitmap[cell / 64] |= 1 << (cell % 64);
+        if let Some(hits) = self.hits.get(cell).filter(|hits| hits.load(Ordering::Relaxed) < MANY_HITS) {
+            hits.fetch_add(1, Ordering::Relaxed);
+        }
     }
 }
 
@@ -95,8 +119,8 @@ impl Beam {
     }
 }
 
-/// One revolution.
-struct Marking<'a> {
+/// One revolution. `STRICT`: with angles of incidence and numbers of returns.
+struct Marking<'a, const STRICT: bool> {
     tiles: &'a Tiles<'a>,
     grid: Grid,
     /// Some beam leaves the sensor elsewhere than at its origin.
@@ -105,15 +129,22 @@ struct Marking<'a> {
     beams: &'a [Beam],
     pattern: Option<&'a [[f32; 4]]>,
     shade: Option<&'a [f32]>,
-    bitmap: &'a mut [u64],
+    marks: Marks<'a>,
 }
 
-impl Kernel for Marking<'_> {
+impl<'a> Marking<'a, false> {
+    fn strict(self) -> Marking<'a, true> {
+        let Self { tiles, grid, has_origins, columns, beams, pattern, shade, marks } = self;
+        Marking { tiles, grid, has_origins, columns, beams, pattern, shade, marks }
+    }
+}
+
+impl<const STRICT: bool> Kernel for Marking<'_, STRICT> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { tiles, grid, has_origins, columns, beams, pattern, shade, bitmap } = self;
+        let Self { tiles, grid, has_origins, columns, beams, pattern, shade, mut marks } = self;
         let (min_m, max_m) = (tiles.fan.min_range_m as f32, tiles.fan.max_range_m as f32);
         let rows = tiles.beams_together();
         let together = PACKET / rows;
@@ -153,7 +184,12 @@ impl Kernel for Marking<'_> {
                         rays.origin_m[axis][element] = origins_m[element][axis];
                     }
                 }
-                let distances_m = tiles.mesh.cast_tile(&rays, max_m, tiles.instructions);
+                let is_angle_limited = STRICT && tiles.fan.min_cosine > 0.0;
+                let (distances_m, cosines) = if is_angle_limited {
+                    tiles.mesh.cast_tile_with_cosines(&rays, max_m, tiles.instructions)
+                } else {
+                    (tiles.mesh.cast_tile(&rays, max_m, tiles.instructions), [1.0; PACKET])
+                };
                 let mut indices = grid.indices(&rays, &distances_m);
                 for element in 0..PACKET {
                     let range_m = distances_m[element] + offsets_m[element];
@@ -161,9 +197,17 @@ impl Kernel for Marking<'_> {
                         (range_m >= min_m) & (range_m <= max_m) & (distances_m[element] < free_m[element]);
                     indices[element] = if is_in_range { indices[element] } else { OUTSIDE };
                 }
+                if STRICT {
+                    for element in 0..count {
+                        if indices[element] != OUTSIDE && cosines[element] >= tiles.fan.min_cosine {
+                            marks.mark(indices[element] as usize);
+                        }
+                    }
+                    continue;
+                }
                 for index in indices {
                     if index != OUTSIDE {
-                        bitmap[index as usize / 64] |= 1 << (index % 64);
+                        marks.bitmap[index as usize / 64] |= 1 << (index % 64);
                     }
                 }
             }

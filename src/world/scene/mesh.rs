@@ -163,19 +163,42 @@ impl Mesh {
         self.tree.cast_tile(tile, limit_m, instructions)
     }
 
-    /// Distance to the first triangle along each of many rays (unit directions), m, in double precision throughout.
+    /// The same with the cosine of the angle between each ray and the normal against it; 0 where no triangle was met.
+    pub(crate) fn cast_tile_with_cosines(
+        &self,
+        tile: &RayTile,
+        limit_m: f32,
+        instructions: Instructions,
+    ) -> ([f32; PACKET], [f64; PACKET]) {
+        let (distances_m, triangles) = self.tree.cast_tile_numbered(tile, limit_m, instructions);
+        let cosine = |element: usize| {
+            let along = tile.direction.map(|axis| f64::from(axis[element]));
+            let is_met = distances_m[element] < f32::INFINITY;
+            if is_met { self.cosine(triangles[element], along.into()) } else { 0.0 }
+        };
+        (distances_m, std::array::from_fn(cosine))
+    }
+
+    /// Cosine of the angle between a ray and the normal of a triangle, turned against it.
+    pub(crate) fn cosine(&self, triangle: u32, direction: DVec3) -> f64 {
+        let [a, b, c] = self.corners(triangle as usize);
+        (b - a).cross(c - a).normalize().dot(direction).abs()
+    }
+
+    /// Distance to the first triangle along each of many rays (unit directions), m, and its number, in double precision
+    /// throughout.
     pub(crate) fn cast_precise(
         &self,
         origins_m: &[DVec3],
         directions: &[DVec3],
-        mut report: impl FnMut(usize, Option<f64>),
+        mut report: impl FnMut(usize, Option<(f64, u32)>),
     ) {
         let corners_m =
             |triangle: u32| self.triangles[triangle as usize].map(|index| self.vertices_m[index as usize]);
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
-            self.tree.cast_precise(corners_m, origins, directions, |element, distance_m| {
-                report(block * PACKET + element, distance_m);
+            self.tree.cast_precise(corners_m, origins, directions, |element, met| {
+                report(block * PACKET + element, met);
             });
         }
     }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::numbering::Numbering;
 use super::records::{Block, Layer, Record, WIDTH};
 use super::{BuildCost, Fineness};
-use crate::simulate::view::sphere::SphereMap;
+use crate::simulate::view::sphere::{Reach, SphereMap};
 use crate::simulate::view::{Fan, Scans, ViewError, ViewSite};
 
 /// Rays of a pilot view are so far apart, rad.
@@ -38,12 +38,12 @@ pub(super) fn build(
     scans: &Scans,
     fineness: &Fineness,
 ) -> Result<Built, ViewError> {
-    let max_range_m = fans.iter().map(|fan| fan.max_range_m).fold(0.0, f64::max);
+    let reach = Reach::of(fans);
     let (low_m, high_m) = fineness.heights_m;
     let layers = if high_m > low_m { fineness.layers.max(2) } else { 1 };
     let height = |layer: usize| low_m + (high_m - low_m) * layer as f64 / (layers - 1).max(1) as f64;
     let heights_m: Vec<f64> = (0..layers).map(height).collect();
-    let plan = Plan::new(site, scans, fineness, &heights_m, max_range_m)?;
+    let plan = Plan::new(site, scans, fineness, &heights_m, reach)?;
     let map = SphereMap::new(plan.step_rad);
     let places: Vec<(DMat3, DVec3)> = plan.places(site, scans);
     // by height, then by place
@@ -51,7 +51,7 @@ pub(super) fn build(
         .into_par_iter()
         .map(|at| {
             let eye_m = DVec3::Z * heights_m[at / places.len()];
-            view(site, &map, &places[at % places.len()], eye_m, max_range_m)
+            view(site, &map, &places[at % places.len()], eye_m, reach)
         })
         .collect();
     let numbering = Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell));
@@ -96,7 +96,7 @@ impl Plan {
         scans: &Scans,
         fineness: &Fineness,
         heights_m: &[f64],
-        max_range_m: f64,
+        reach: Reach,
     ) -> Result<Self, ViewError> {
         let eye_m = DVec3::Z * heights_m[heights_m.len() / 2];
         let pilot = SphereMap::new(PILOT_STEP_RAD);
@@ -105,7 +105,7 @@ impl Plan {
         for pilot_number in 0..pilots {
             let place =
                 scans.middle(&site.trajectory, pilot_number * (scans.count - 1) / (pilots - 1).max(1));
-            pilot.cast(&site.scene, &place, eye_m, max_range_m, |hit| ranges_m.push(hit.from_eye_m.length()));
+            pilot.cast(&site.scene, &place, eye_m, reach, |hit| ranges_m.push(hit.from_eye_m.length()));
         }
         if ranges_m.is_empty() {
             return Err(nothing_visible(site));
@@ -137,13 +137,7 @@ impl Plan {
 }
 
 /// Everything that is seen from one place, a record for each voxel.
-fn view(
-    site: &ViewSite,
-    map: &SphereMap,
-    place: &(DMat3, DVec3),
-    eye_m: DVec3,
-    max_range_m: f64,
-) -> Vec<Record> {
+fn view(site: &ViewSite, map: &SphereMap, place: &(DMat3, DVec3), eye_m: DVec3, reach: Reach) -> Vec<Record> {
     let mut patches: Vec<Patch> = Vec::new();
     let mut of_cell: HashMap<u32, u32, BuildHasherDefault<CellHasher>> = HashMap::default();
     let mut last = (u32::MAX, 0_u32);
@@ -153,7 +147,7 @@ fn view(
             site.shades.operator.and_then(|operator| operator.distance_m(eye_m, from_eye_m / range_m));
         stopped_m.is_none_or(|stopped_m| stopped_m > range_m)
     };
-    map.cast(&site.scene, place, eye_m, max_range_m, |hit| {
+    map.cast(&site.scene, place, eye_m, reach, |hit| {
         if !is_free(hit.from_eye_m) {
             return;
         }
@@ -191,7 +185,7 @@ struct Patch {
 
 /// Numbers of voxels are hashed by one product (Knuth, The Art of Computer Programming 3, 6.4).
 #[derive(Default)]
-struct CellHasher(u64);
+pub(crate) struct CellHasher(u64);
 
 impl Hasher for CellHasher {
     fn write(&mut self, bytes: &[u8]) {
@@ -199,7 +193,11 @@ impl Hasher for CellHasher {
     }
 
     fn write_u32(&mut self, cell: u32) {
-        self.0 = (self.0 ^ u64::from(cell)).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(32);
+        self.write_usize(cell as usize);
+    }
+
+    fn write_usize(&mut self, cell: usize) {
+        self.0 = (self.0 ^ cell as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(32);
     }
 
     fn finish(&self) -> u64 {
@@ -209,12 +207,12 @@ impl Hasher for CellHasher {
 
 /// Voxels that could be seen from the trajectory by a sensor at the body's origin.
 pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan], scans: &Scans) -> u64 {
-    let max_range_m = fans.iter().map(|fan| fan.max_range_m).fold(0.0, f64::max);
+    let reach = Reach::of(fans.iter().copied());
     let fineness = Fineness::between((0.0, 0.0));
-    let Ok(plan) = Plan::new(site, scans, &fineness, &[0.0], max_range_m) else { return 0 };
+    let Ok(plan) = Plan::new(site, scans, &fineness, &[0.0], reach) else { return 0 };
     let map = SphereMap::new(plan.step_rad);
     let places = plan.places(site, scans);
     let views: Vec<Vec<Record>> =
-        places.par_iter().map(|place| view(site, &map, place, DVec3::ZERO, max_range_m)).collect();
+        places.par_iter().map(|place| view(site, &map, place, DVec3::ZERO, reach)).collect();
     Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell)).count() as u64
 }

@@ -16,6 +16,8 @@ const LARGE: f32 = 8_388_608.0;
 /// Root of the solid angle of a patch over its height: floors and tables are seen at a slant. Of 1.0 to 1.4 this ranks the
 /// mounts of two sensors in a furnished house best.
 const FLATNESS: f32 = 1.2;
+/// The gap that a single row fills, rad.
+const ONE_ROW_RAD: f64 = 0.01;
 /// How far beyond the outermost rows the table goes, rad: no voxel outside a sensor's least range looks wider.
 const BEYOND_RAD: f64 = 0.25;
 
@@ -28,6 +30,8 @@ pub(super) struct Rows {
     distance_rad: Box<[f32; STEPS]>,
     /// Columns per radian.
     columns_per_rad: f32,
+    /// Beams per steradian and revolution.
+    per_sr: Box<[f32; STEPS]>,
     /// `distance_rad` holds points per steradian and period instead: a sensor without rings.
     is_pattern: bool,
 }
@@ -42,19 +46,24 @@ impl Rows {
         let right = std::f64::consts::FRAC_PI_2;
         let low = (first - BEYOND_RAD).max(-right).sin();
         let high = (last + BEYOND_RAD).min(right).sin();
+        let columns_per_rad = fan.columns as f64 / std::f64::consts::TAU;
         let mut distance_rad = Box::new([0.0; STEPS]);
+        let mut per_sr = Box::new([0.0; STEPS]);
         for (step, distance) in distance_rad.iter_mut().enumerate() {
             let sine = low + (high - low) * step as f64 / (STEPS - 1) as f64;
             let elevation_rad = sine.clamp(-1.0, 1.0).asin();
             let nearest =
                 rows_rad.iter().map(|row| (row - elevation_rad).abs()).fold(f64::INFINITY, f64::min);
             *distance = nearest as f32;
+            let cosine = elevation_rad.cos().max(1e-3);
+            per_sr[step] = (rows_per_rad(&rows_rad, elevation_rad) * columns_per_rad / cosine) as f32;
         }
         Self {
             low: low as f32,
             per_sine: ((STEPS - 1) as f64 / (high - low)) as f32,
             distance_rad,
-            columns_per_rad: (fan.columns as f64 / std::f64::consts::TAU) as f32,
+            columns_per_rad: columns_per_rad as f32,
+            per_sr,
             is_pattern: false,
         }
     }
@@ -75,11 +84,26 @@ impl Rows {
         Self {
             low: -1.0,
             per_sine: 0.5 * (STEPS - 1) as f32,
+            per_sr: distance_rad.clone(),
             distance_rad,
             columns_per_rad: 0.0,
             is_pattern: true,
         }
     }
+}
+
+/// Rows per radian around an elevation: one per gap between neighbours, half a gap beyond the outermost.
+fn rows_per_rad(rows_rad: &[f64], elevation_rad: f64) -> f64 {
+    let above = rows_rad.partition_point(|row| *row < elevation_rad);
+    let gap_rad = |above: usize| (rows_rad[above] - rows_rad[above - 1]).max(1e-4);
+    let last = rows_rad.len() - 1;
+    let (outer_rad, gap_rad) = match above {
+        _ if last == 0 => ((elevation_rad - rows_rad[0]).abs(), ONE_ROW_RAD),
+        0 => (rows_rad[0] - elevation_rad, gap_rad(1)),
+        above if above > last => (elevation_rad - rows_rad[last], gap_rad(last)),
+        above => (0.0, gap_rad(above)),
+    };
+    if outer_rad <= 0.5 * gap_rad { 1.0 / gap_rad } else { 0.0 }
 }
 
 /// A sensor in the frame of the body.
@@ -131,6 +155,9 @@ pub(super) struct Counting<'a>(pub Looking<'a>);
 /// How many of them each rig sees: the first sensor that sees a voxel for certain ends the search through it.
 pub(super) struct CountingUnion<'a>(pub Looking<'a>);
 
+/// The same where a voxel needs so many returns of all sensors together.
+pub(super) struct CountingReturns<'a>(pub Looking<'a>, pub u16);
+
 /// Those of them that some rig may miss.
 pub(super) struct Uncertain<'a>(pub Looking<'a>);
 
@@ -180,6 +207,103 @@ impl Kernel for CountingUnion<'_> {
         }
         sums
     }
+}
+
+impl Kernel for CountingReturns<'_> {
+    type Output = Vec<Sums>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<Sums> {
+        let Self(Looking { layers, voxels, rigs }, min_hits) = self;
+        let needed = f64::from(min_hits);
+        // more returns than this are surely enough
+        let plenty = (needed + 6.0 * needed.sqrt() + 6.0) as f32;
+        let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
+        let mut expected: Vec<f64> = Vec::new();
+        for voxel in voxels {
+            for (eyes, sums) in rigs.iter().zip(&mut sums) {
+                expected.clear();
+                for eye in eyes {
+                    expected.push(f64::from(returns(layers, *voxel as usize, eye, plenty)));
+                }
+                let enough = chance_of(needed, expected.iter().sum());
+                if enough == 0.0 {
+                    continue;
+                }
+                // chance that no sensor meets it, and that exactly one does
+                let (mut none, mut one) = (1.0_f64, 0.0_f64);
+                for (sensor, expected) in expected.iter().enumerate() {
+                    let unseen = (-expected).exp();
+                    one = one * unseen + none * (1.0 - unseen);
+                    none *= unseen;
+                    sums.per_sensor[sensor] += enough * (1.0 - unseen);
+                }
+                sums.union += enough;
+                sums.overlap += enough * (1.0 - none - one);
+            }
+        }
+        sums
+    }
+}
+
+/// Chance of `needed` returns or more where so many are expected (Poisson, by Wilson and Hilferty 1931,
+/// doi:10.1073/pnas.17.12.684).
+fn chance_of(needed: f64, expected: f64) -> f64 {
+    let variance = 1.0 / (9.0 * needed);
+    let off = ((expected / needed).cbrt() - (1.0 - variance)) / variance.sqrt();
+    if expected > 0.0 { 0.5 * libm::erfc(-off / std::f64::consts::SQRT_2) } else { 0.0 }
+}
+
+/// Returns that an eye expects of a voxel; those beyond `plenty` are not counted.
+#[inline(always)]
+fn returns(layers: &[Layer], voxel: usize, eye: &Eye<'_>, plenty: f32) -> f32 {
+    let [low, high] = eye.layers;
+    let below = returns_in(&layers[low], voxel, eye, plenty);
+    if low == high || eye.share == 0.0 {
+        return below;
+    }
+    below + eye.share * (returns_in(&layers[high], voxel, eye, plenty) - below)
+}
+
+#[inline(always)]
+fn returns_in(layer: &Layer, voxel: usize, eye: &Eye<'_>, plenty: f32) -> f32 {
+    let mut sum = 0.0_f32;
+    let (first, end) = (layer.starts[voxel] as usize, layer.starts[voxel + 1] as usize);
+    for block in &layer.blocks[first..end] {
+        sum += eye.scans_per_view as f32 * returns_of(layer, block, eye);
+        if sum > plenty {
+            return plenty;
+        }
+    }
+    sum
+}
+
+/// Returns that the records of a block give in a revolution: beams per steradian times the solid angle of each.
+#[inline(always)]
+fn returns_of(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
+    let rows = eye.rows;
+    let mut solids_sr = [0.0_f32; WIDTH];
+    let mut steps = [0_u32; WIDTH];
+    for element in 0..WIDTH {
+        let x = f32::from(block.x[element]) * layer.step_m - eye.origin_m[0];
+        let y = f32::from(block.y[element]) * layer.step_m - eye.origin_m[1];
+        let z = f32::from(block.z[element]) * layer.step_m - eye.origin_m[2];
+        let width_m = f32::from(block.width[element]) * layer.width_step_m;
+        let square = x * x + y * y + z * z;
+        let range_m = square.sqrt();
+        let along_m = x * eye.axis[0] + y * eye.axis[1] + z * eye.axis[2];
+        let step = (along_m / range_m - rows.low) * rows.per_sine;
+        let step = if step > 0.0 { step } else { 0.0 };
+        let step = if step < (STEPS - 1) as f32 { step } else { (STEPS - 1) as f32 };
+        steps[element] = (step + LARGE).to_bits() & (STEPS - 1) as u32;
+        let is_met = (range_m >= eye.min_range_m) & (range_m <= eye.max_range_m);
+        solids_sr[element] = if is_met { width_m * width_m / square } else { 0.0 };
+    }
+    let mut sum = 0.0;
+    for element in 0..WIDTH {
+        sum += rows.per_sr[steps[element] as usize & (STEPS - 1)] * solids_sr[element];
+    }
+    sum
 }
 
 impl Kernel for Uncertain<'_> {

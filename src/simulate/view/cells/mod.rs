@@ -14,12 +14,13 @@ mod records;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+pub(crate) use build::CellHasher;
 pub(super) use build::reachable_voxels;
 
 use super::{Fan, Sampling, Scans, Seen, View, ViewError, ViewSite};
 use crate::base::instructions::Instructions;
 use crate::rig::{Rig, Unit};
-use kernel::{Counting, CountingUnion, Eye, Looking, Rows, Sums, Uncertain};
+use kernel::{Counting, CountingReturns, CountingUnion, Eye, Looking, Rows, Sums, Uncertain};
 use records::Layer;
 
 /// Voxels that a thread takes at once; sums are added in their order.
@@ -69,6 +70,8 @@ pub struct CellView {
     voxels: usize,
     /// Voxels that some good rig of the search may miss.
     open: Vec<u32>,
+    /// Returns that make a voxel count.
+    min_hits: u16,
     cost: BuildCost,
 }
 
@@ -126,6 +129,7 @@ impl CellView {
             heights_m: built.heights_m,
             open: (0..built.voxels as u32).collect(),
             voxels: built.voxels,
+            min_hits: sampling.quality.min_hits,
             layers: built.layers,
             cost: built.cost,
         })
@@ -145,6 +149,9 @@ impl CellView {
     /// voxels what each sensor does: expectations of the same counts, in a share of the time.
     pub(crate) fn see_roughly(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
         let at_most = |stride: usize, voxels: usize| stride.min(voxels / ENOUGH).max(1);
+        if self.min_hits > 1 {
+            return self.see_sparsely(rigs, at_most(stride, self.voxels));
+        }
         let overlap_stride = at_most(OVERLAP_STRIDE, self.voxels);
         let stride = at_most(stride, self.open.len());
         let open: Vec<u32> = self.open.iter().step_by(stride).copied().collect();
@@ -174,7 +181,11 @@ impl CellView {
     }
 
     /// From now on `see_roughly` takes to be seen what each of these rigs sees for certain: give it the best ones of a search.
+    /// Not where a voxel needs several returns.
     pub(crate) fn focus(&mut self, rigs: &[Rig]) {
+        if self.min_hits > 1 {
+            return;
+        }
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
         let all: Vec<u32> = (0..self.voxels as u32).collect();
         let open = self.by_chunk(&all, &eyes, |looking| Instructions::best().run(Uncertain(looking)));
@@ -239,8 +250,10 @@ impl CellView {
     /// `scale` is by how much more voxels there are than these.
     fn see_batch(&self, rigs: &[Rig], voxels: &[u32], scale: f64) -> Vec<Seen> {
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
-        let chunks: Vec<Vec<Sums>> =
-            self.by_chunk(voxels, &eyes, |looking| Instructions::best().run(Counting(looking)));
+        let chunks: Vec<Vec<Sums>> = self.by_chunk(voxels, &eyes, |looking| match self.min_hits {
+            1 => Instructions::best().run(Counting(looking)),
+            needed => Instructions::best().run(CountingReturns(looking, needed)),
+        });
         let seen = |(rig, eyes): (usize, &Vec<Eye<'_>>)| {
             let mut all = Sums::nothing(eyes.len());
             for chunk in &chunks {
@@ -252,6 +265,7 @@ impl CellView {
                 overlap: scale * all.overlap,
                 sd_voxels: None,
                 rays: 0,
+                by_site: Vec::new(),
             }
         };
         eyes.iter().enumerate().map(seen).collect()

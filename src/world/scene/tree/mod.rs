@@ -164,14 +164,26 @@ impl TriangleTree {
         packet.distances()
     }
 
-    /// Distance to the first triangle along each of up to [`PACKET`] rays, m, by the corners as they were given, in double
-    /// precision throughout.
+    /// The same with the number of each triangle, which is arbitrary where none was met.
+    pub(crate) fn cast_tile_numbered(
+        &self,
+        tile: &RayTile,
+        limit_m: f32,
+        instructions: Instructions,
+    ) -> ([f32; PACKET], [u32; PACKET]) {
+        let mut packet = Packet::<PACKET>::of_tile(tile, limit_m);
+        self.walk::<PACKET, false>(&mut packet, instructions);
+        (packet.distances(), packet.won.map(|place| self.sources.get(place as usize).copied().unwrap_or(0)))
+    }
+
+    /// Distance to the first triangle along each of up to [`PACKET`] rays, m, and its number, by the corners as they were
+    /// given, in double precision throughout.
     pub(crate) fn cast_precise(
         &self,
         corners_m: impl Fn(u32) -> [DVec3; 3],
         origins_m: &[DVec3],
         directions: &[DVec3],
-        mut report: impl FnMut(usize, Option<f64>),
+        mut report: impl FnMut(usize, Option<(f64, u32)>),
     ) {
         let count = origins_m.len().min(directions.len()).min(PACKET);
         let mut packet = Packet::<PACKET>::new();
@@ -185,7 +197,9 @@ impl TriangleTree {
         let best = Instructions::best();
         walk::walk::<PACKET, false, _>(nodes, corners, self.reach_m, &mut packet, &mut precise, best);
         for element in 0..count {
-            report(element, (packet.won[element] != NONE).then(|| precise.nearest_m[element]));
+            let won = packet.won[element];
+            let met = (won != NONE).then(|| (precise.nearest_m[element], self.sources[won as usize]));
+            report(element, met);
         }
     }
 
