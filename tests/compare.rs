@@ -139,6 +139,10 @@ pub const CASES: &[Case] = &[
         units::a_session_of_an_hdl_64e_has_its_beams_from_the_first_frame_on,
     ),
     with_shared("two_frames_of_a_vehicle_predict_the_third", recordings::two_frames_predict_the_third),
+    with_shared(
+        "an_ouster_without_a_product_is_known_by_its_beams",
+        recordings::an_ouster_without_a_product_is_known_by_its_beams,
+    ),
     with_shared("odometry_agrees_with_the_poses_of_a_vehicle", recordings::odometry_agrees_with_the_poses),
     with_shared(
         "a_still_velodyne_agrees_with_its_own_map",

@@ -120,3 +120,11 @@ pub fn a_still_velodyne_agrees_with_its_own_map() {
         );
     }
 }
+
+/// Metadata of 2019 state no product: by its beams it is the mount file's OS1-64.
+pub fn an_ouster_without_a_product_is_known_by_its_beams() {
+    let metadata = shared("captures/ouster/ouster_example.json");
+    let more = ["--map-frames", "0..2", "--trajectory", "still", "--meta", metadata.to_str().unwrap()];
+    let document = compare("captures/ouster/ouster_example.pcap", "os1-64", &more);
+    assert_ne!(document["reason"]["code"], "wrong_model", "{}", document["reason"]);
+}

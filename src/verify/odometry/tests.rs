@@ -124,7 +124,7 @@ fn too_little_is_an_error_and_a_gap_is_reported() {
     assert!(error.starts_with("0 revolutions"), "{error}");
     let mut one = Odometry::new(Settings::default());
     one.add(sweep(0, 1000));
-    assert!(one.finish_over(None).unwrap_err().to_string().starts_with("1 revolutions"));
+    assert!(one.finish_over(None).unwrap_err().to_string().starts_with("1 revolution with"));
     let mut empty = Odometry::new(Settings::default());
     empty.add(sweep(0, 1000));
     empty.add(sweep(1, 3));
