@@ -67,10 +67,10 @@ pub struct QualityArgs {
     /// Maximum range at which a return counts [default: the model's].
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     pub(super) max_range: Option<f64>,
-    /// Largest angle between a beam and the surface's normal at which a return counts: 0 is perpendicular [default: any].
+    /// Maximum angle to the surface normal that counts [default: any].
     #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 90.0))]
     pub(super) max_incidence: Option<f64>,
-    /// Returns, of all sensors together, that make a voxel count as seen.
+    /// Returns of all sensors that make a voxel count.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     min_hits: u16,
 }

@@ -164,15 +164,15 @@ impl Coverage {
 
     /// Forgets the cells that fail a test, whoever hit them.
     pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
-        let mut kept = Self::new(self.grid.clone(), self.sensors.len());
-        for (own, kept) in self.sensors.iter().zip(&mut kept.sensors) {
+        let mut left = Self::new(self.grid.clone(), self.sensors.len());
+        for (own, left) in self.sensors.iter().zip(&mut left.sensors) {
             own.for_each(&self.grid, |cell| {
                 if keep(cell) {
-                    kept.mark(&self.grid, cell);
+                    left.mark(&self.grid, cell);
                 }
             });
         }
-        self.sensors = kept.sensors;
+        self.sensors = left.sensors;
     }
 
     /// Bytes held.

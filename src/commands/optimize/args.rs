@@ -12,8 +12,8 @@ use crate::design::robustness::Criterion;
 /// Arguments of `optimize`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Methods stop when their evaluations are used up; without --evals they run as published and stop by the \
-                  published rules. Ctrl-C keeps the best mount so far; with --resume the search goes on from there."
+    after_help = "Without --evals, methods stop by their published rules. Ctrl-C keeps the best mount so far; with --resume the \
+                  search goes on from there."
 )]
 pub struct Args {
     #[command(flatten)]
@@ -41,8 +41,8 @@ pub struct Args {
     /// Most masters; each is mirrored unless --no-mirror.
     #[arg(long, value_name = "N", default_value_t = PUBLISHED_MASTERS_MAX, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(super) masters_max: u32,
-    /// Distance between sensor origins that the search must keep: housing, none (as published) or metres.
-    /// [default: none in a published experiment, housing in a scene].
+    /// Distance between sensor origins to keep: housing, none or metres [default: none in a published experiment, housing in a
+    /// scene].
     #[arg(long, value_name = "RULE")]
     pub(super) clearance: Option<ClearanceArg>,
     /// Fewest masters.
@@ -60,7 +60,7 @@ pub struct Args {
     /// Pitch and roll are whole multiples of this: the step of a servo.
     #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 360.0))]
     pub(super) tilt_step: Option<f64>,
-    /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
+    /// Maximise the expected or the worst J of rigs that are built with errors, or over several --site.
     #[arg(long, value_enum, value_name = "CRITERION")]
     pub(super) robust: Option<Criterion>,
     /// Mount errors, uniform within plus and minus: "metres,degrees" [default: 0.01,1].

@@ -74,9 +74,8 @@ pub struct SceneSearchArgs {
         help_heading = "Scene"
     )]
     pub(super) room: Option<Room>,
-    /// A scene with its trajectory (as of --trajectory; without one a walk is planned). Given several times, the best mount for all
-    /// of them is searched: by the mean of their scores, or by the worst (--robust worst).
-    #[arg(long, value_name = "SCENE=TRAJECTORY", conflicts_with_all = ["scene", "room", "trajectory"], help_heading = "Scene")]
+    /// A scene and its trajectory; several: one mount for all (see --robust).
+    #[arg(long, value_name = "SCENE=WALK", conflicts_with_all = ["scene", "room", "trajectory"], help_heading = "Scene")]
     pub(super) site: Vec<SiteArg>,
     #[command(flatten)]
     pub(super) mesh: MeshArgs,
