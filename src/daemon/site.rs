@@ -62,7 +62,7 @@ impl Site {
         if self.trajectory.is_none() && self.origin != LocalOrigin::default() {
             let [x, y, z] = self.origin.world_m().to_array();
             doubts.push(format!(
-                "no trajectory: the platform is taken to stand at ({x:.0}, {y:.0}, {z:.0}) m of the scene's frame; --trajectory says \
+                "no trajectory: the platform is assumed to stand at ({x:.0}, {y:.0}, {z:.0}) m of the scene's frame; --trajectory says \
                  where it is"
             ));
         }
