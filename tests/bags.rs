@@ -141,7 +141,7 @@ fn decode(name: &str, arguments: &[&str]) -> (Value, i32) {
         .args(arguments)
         .output()
         .unwrap();
-    let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{name}: {output:?}"));
+    let document = crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{name}: {output:?}"));
     (document, output.status.code().unwrap())
 }
 

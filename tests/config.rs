@@ -26,7 +26,7 @@ fn outrigger(arguments: &[&str], environment: &[(&str, &str)]) -> Output {
 }
 
 fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"))
+    crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"))
 }
 
 /// A file with these lines below its format.

@@ -51,7 +51,7 @@ pub fn decode(capture: &str, metas: &[&str], more: &[&str]) -> (i32, Value, Stri
     arguments.extend(metas.iter().flat_map(|meta| ["--meta", meta]));
     arguments.extend(more);
     let output = outrigger(&arguments);
-    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    let document = crate::support::document(&output.stdout).unwrap_or(Value::Null);
     (output.status.code().unwrap(), document, String::from_utf8(output.stderr).unwrap())
 }
 

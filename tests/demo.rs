@@ -42,7 +42,7 @@ fn folder() -> (tempfile::TempDir, PathBuf) {
 fn agrees(output: &Output, out: &Path) {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert!(document["compare"]["agreement"]["iou"].as_f64().unwrap() >= 0.999, "{document:#}");
     assert_eq!(document["compare"]["verdict"], "matches");
     let coverage = &document["compare"]["coverage"];

@@ -323,7 +323,7 @@ fn a_recording_makes_a_rig_file() {
     small_data(folder.path());
     let run = |line: &str| outrigger(folder.path(), &words(line));
     let made = run("init rig --from walk --json");
-    let document: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&made.stdout).unwrap();
     assert_eq!(document["files"].as_array().unwrap().len(), 3, "two sensors' metadata: {document}");
     let text = std::fs::read_to_string(folder.path().join("rig/rig.toml")).unwrap();
     assert_eq!(text.matches("\n[[sensor]]\n").count(), 2, "{text}");
@@ -331,7 +331,7 @@ fn a_recording_makes_a_rig_file() {
     // the metadata are the recording's: the capture decodes with them
     let [sensor, made] = ["capture.pcap --config rig/rig.toml", "walk"].map(|what| {
         let output = run(&format!("decode {what} --json"));
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
         document["sensors"]
             .as_array()
             .unwrap()

@@ -39,7 +39,7 @@ fn field(name: &str) -> String {
 
 fn inspect(arguments: &[&str]) -> (i32, Value) {
     let output = outrigger(&[&["--json", "inspect"], arguments].concat());
-    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    let document = crate::support::document(&output.stdout).unwrap_or(Value::Null);
     (output.status.code().unwrap(), document)
 }
 
@@ -100,7 +100,7 @@ fn metadata_of_another_mode() {
         let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
         let output =
             program.args(["decode", "-", "--json", "--meta", &file]).stdin(packets).output().unwrap();
-        let piped: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let piped: Value = crate::support::document(&output.stdout).unwrap();
         assert_eq!(piped["sensors"][0]["frames"], right["sensors"][0]["frames"], "{mode}, from a pipe");
     }
     let changed = changed_metadata(&folder, |metadata| {

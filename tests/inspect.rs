@@ -41,7 +41,7 @@ fn inspect(capture: &Path, metas: &[&Path]) -> (i32, Value) {
         command.arg("--meta").arg(meta);
     }
     let output = command.output().unwrap();
-    (output.status.code().unwrap(), serde_json::from_slice(&output.stdout).unwrap())
+    (output.status.code().unwrap(), crate::support::document(&output.stdout).unwrap())
 }
 
 fn lines(document: &Value, of: &str) -> String {

@@ -212,7 +212,7 @@ impl Folder {
         let output = self.predict(place);
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{place:?}: {errors}");
-        serde_json::from_slice(&output.stdout).unwrap()
+        crate::support::document(&output.stdout).unwrap()
     }
 
     /// Cells of a coverage file, in tenths of a metre.
@@ -389,7 +389,7 @@ fn a_session_is_a_scene() {
     let mut compare = Command::new(env!("CARGO_BIN_EXE_outrigger"));
     compare.arg("compare").arg(&session).args(["--json", "--nulls", "0", "--scene"]).arg(&session);
     let output = compare.env_remove("OUTRIGGER_JSON").output().unwrap();
-    let document: Value = serde_json::from_slice(&output.stdout)
+    let document: Value = crate::support::document(&output.stdout)
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     for name in names {
         let share = document["rays"][name]["agree_share"].as_f64().unwrap();

@@ -59,7 +59,7 @@ impl Folder {
     fn done(&self, arguments: &[&str]) -> Value {
         let output = self.run(&[arguments, &["--json"]].concat());
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
-        serde_json::from_slice(&output.stdout).unwrap()
+        crate::support::document(&output.stdout).unwrap()
     }
 
     /// What a refused command says; it leaves nothing behind.

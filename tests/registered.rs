@@ -52,7 +52,7 @@ fn ran(code: i32, arguments: &[&str]) -> (Value, String) {
     let output = run(&[arguments, &["--json"]].concat());
     let words = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {words}");
-    (serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), words)
+    (crate::support::document(&output.stdout).unwrap_or(Value::Null), words)
 }
 
 /// A walk of a second with turns up to 40 degrees a second.

@@ -40,7 +40,7 @@ fn outrigger(arguments: &[&str]) -> Output {
 fn document(output: &Output) -> Value {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
-    serde_json::from_slice(&output.stdout).unwrap()
+    crate::support::document(&output.stdout).unwrap()
 }
 
 fn refusal(output: &Output) -> String {
@@ -231,7 +231,7 @@ fn ctrl_c_holds_and_ctrl_c_again_is_an_emergency_stop() {
     assert!(at[0] < 0.95 && (later[0] - at[0]).abs() < 0.15, "{at:?} {later:?}");
     // by the second the e-stop is latched, and status says that by its exit code
     let status = outrigger(&["rig", "status", "--port", &port, "--json"]);
-    let status: Value = serde_json::from_slice(&status.stdout).unwrap();
+    let status: Value = crate::support::document(&status.stdout).unwrap();
     assert_eq!(status["armed"], false, "{status:#}");
 }
 
@@ -331,7 +331,7 @@ fn the_mock_runs_until_it_is_interrupted() {
     let watched = reports.iter().find(stalled).unwrap();
     // a script that reads the state reads that of a fault, too
     let failed = outrigger(&["rig", "status", "--port", port, "--json"]);
-    let status: Value = serde_json::from_slice(&failed.stdout).unwrap();
+    let status: Value = crate::support::document(&failed.stdout).unwrap();
     let axis = status["axes"][1].as_object().unwrap();
     assert_eq!(axis["faults"], watched["faults"], "{status:#}");
     assert!(

@@ -58,7 +58,7 @@ fn ideal(scene: &Path, walk: &Path) -> Output {
 }
 
 fn document(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", errors(output)))
+    crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{}", errors(output)))
 }
 
 fn errors(output: &Output) -> String {

@@ -72,7 +72,7 @@ impl Folder {
     fn document(&self, arguments: &[&str]) -> Value {
         let output = self.run(&[&["--json"], arguments].concat());
         assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
+        crate::support::document(&output.stdout).unwrap()
     }
 
     /// A prediction in the bare room, as quick as can be.

@@ -420,7 +420,7 @@ fn ideal_sensors_refuse_what_they_cannot_use() {
     assert!(zero_length.status.success(), "a rig that stands still is no error");
     write("walk.tum", b"0 100 2 1.5 0 0 0 1\n2 101 2 1.5 0 0 0 1\n");
     let outside = validate(folder.path(), &mounts);
-    let document: serde_json::Value = serde_json::from_slice(&outside.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&outside.stdout).unwrap();
     assert!(document["warnings"].to_string().contains("outside the mesh"), "{document}");
     assert_eq!(document["completeness_of_observable"].as_f64(), Some(0.0));
 

@@ -326,7 +326,7 @@ fn outrigger(arguments: &[&str]) -> Output {
 fn document(output: &Output, code: i32) -> Value {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{said}{}", String::from_utf8_lossy(&output.stdout));
-    serde_json::from_slice(&output.stdout).unwrap()
+    crate::support::document(&output.stdout).unwrap()
 }
 
 /// A mock sensor with a web interface, sending to a port; its web address.
@@ -441,7 +441,7 @@ fn recording_asks_the_sensor_for_its_metadata() {
     let document = document(&recorded, 0);
     assert!(document["sensors"][0]["packets"].as_u64().unwrap() > 10, "{document:#}");
     let inspected = outrigger(&["inspect", session, "--json"]);
-    let inspected: Value = serde_json::from_slice(&inspected.stdout).unwrap();
+    let inspected: Value = crate::support::document(&inspected.stdout).unwrap();
     assert!(
         inspected["sensors"][0]["frames"].as_u64().unwrap() > 2,
         "decoded with what the sensor said: {inspected:#}"

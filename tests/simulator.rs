@@ -211,7 +211,7 @@ fn evaluate_prints_what_the_released_program_found() {
         assert!(output.status.success(), "{}: {errors}", case.id);
         let replaced = case.fix_roll.is_some_and(|roll| case.masters.iter().any(|master| master[4] != roll));
         assert_eq!(errors.contains("roll is replaced"), replaced, "{}: {errors}", case.id);
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
         assert_eq!(document["coverage_sha256"], case.union_bits_sha256, "{}", case.id);
         assert_eq!(document["unique_voxels"], case.U, "{}", case.id);
         assert_eq!(document["overlap_ratio"], case.rho, "{}", case.id);
@@ -240,7 +240,7 @@ fn evaluate_scores_a_mount_file_as_it_is() {
     file.write(&path).unwrap();
     let document = |output: std::process::Output| -> serde_json::Value {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
+        crate::support::document(&output.stdout).unwrap()
     };
     let path = path.to_str().unwrap();
     let from_file = document(evaluate(&["--json", "--mount", path]));
@@ -256,7 +256,7 @@ fn evaluate_scores_a_mount_file_as_it_is() {
 fn evaluate_says_what_sampling_is_worth() {
     let pair = ["--preset", "paper-vlp-16", "--masters", "0.1,0,0,27,0", "--no-baselines"];
     let output = evaluate(&[&pair[..], &["--fidelity", "auto", "--tolerance", "5", "--json"]].concat());
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
     let fidelity = &document["fidelity"];
     let number = |value: &serde_json::Value| value.as_f64().unwrap();
     let (value, bound) = (number(&fidelity["value"]), number(&fidelity["bound"]));
@@ -344,7 +344,7 @@ fn predict_counts_what_its_coverage_file_holds() {
     let room = ["--room", "-3,-2,0,3,2,2.5", "--azimuths", "180", "--out", &walk.out];
     let output = walk.predict(&room);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!(document["rays"], 2 * 16 * 3601);
     let voxels = document["unique_voxels"].as_u64().unwrap();
     // a room of 24 + 2 (15 + 10) m2 has about 7,400 voxels of 0.1 m
@@ -365,7 +365,7 @@ fn predict_counts_what_its_coverage_file_holds() {
     let again: serde_json::Value = serde_json::from_slice(&walk.predict(&room).stdout).unwrap();
     assert_eq!(document["coverage_sha256"], again["coverage_sha256"]);
     let wearer = walk.predict(&[&room[..], &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
-    let wearer: serde_json::Value = serde_json::from_slice(&wearer.stdout).unwrap();
+    let wearer: serde_json::Value = crate::support::document(&wearer.stdout).unwrap();
     assert!(wearer["returns"].as_u64() < document["returns"].as_u64(), "the wearer stands in the way");
     let within = walk.predict(&[&room[..4], &["--operator", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
     let said = String::from_utf8_lossy(&within.stderr);

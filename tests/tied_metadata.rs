@@ -90,7 +90,7 @@ fn record<'a>(
 
 fn inspect(arguments: &[&str]) -> (i32, Value, String) {
     let output = outrigger(&[&["--json", "inspect"], arguments].concat());
-    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    let document = crate::support::document(&output.stdout).unwrap_or(Value::Null);
     (output.status.code().unwrap(), document, String::from_utf8(output.stderr).unwrap())
 }
 

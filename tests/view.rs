@@ -271,7 +271,7 @@ fn a_report_holds_what_it_shows_in_3d() {
         &file("page.html"),
     ]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     let page = std::fs::read_to_string(file("page.html")).unwrap();
     let orbit = orbit_of(&page);
     let layers = orbit["layers"].as_array().unwrap();

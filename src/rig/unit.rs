@@ -432,7 +432,13 @@ mod tests {
         assert_eq!((found.columns, found.model.channels(), found.rate_hz), (2048, 32, 10.0));
         assert_eq!(found.model.housing_radius_m, 0.0435);
         assert!(Unit::calibrated(&path, Some("os0-128")).unwrap_err().to_string().contains("32 channels"));
-        std::fs::write(&path, text.replace("OS-0-32", "")).unwrap();
+        // without a product its beams tell, and those of no product do not
+        let text = text.replace("OS-0-32", "");
+        std::fs::write(&path, &text).unwrap();
+        assert_eq!(Unit::calibrated(&path, None).unwrap().model.name, "os0-32");
+        let mut of_none: serde_json::Value = serde_json::from_str(&text).unwrap();
+        of_none["beam_intrinsics"]["beam_altitude_angles"][0] = 40.0.into();
+        std::fs::write(&path, of_none.to_string()).unwrap();
         assert!(Unit::calibrated(&path, None).unwrap_err().to_string().contains("MODEL:FILE"));
         let stated = Unit::calibrated(&path, Some("os0-32")).unwrap();
         assert!(stated.notice.unwrap().contains("os0-32") && stated.model.max_range_m == 75.0);

@@ -241,7 +241,7 @@ impl Scanner<'_> {
         let min_range_m = sensor_errors.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = sensor_errors.max_range_m.unwrap_or(model.max_range_m);
         let is_detected = sensor_errors.detection.is_none_or(|detection| {
-            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
+            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), model.max_range_m)
         });
         let range_m = hit.distance_m + beam.fired.range_offset_m + noise_m;
         (is_detected && range_m >= min_range_m && range_m <= max_range_m).then_some(range_m)

@@ -51,7 +51,7 @@ fn other_makers() {
         assert!(messages.contains(expected), "{expected}: {messages}");
     }
     let output = outrigger(&["inspect", "--json", text_of(&path)]);
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!((document["sensors"].as_array().unwrap().len(), output.status.code()), (0, Some(0)));
     assert_eq!(document["topics"][0]["messages"], 4);
 }
@@ -69,7 +69,7 @@ fn no_lidar() {
 
 fn inspected() {
     let output = outrigger(&["inspect", "--json", text_of(&bag("os0_crc_zstd.mcap"))]);
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{document}");
     assert_eq!(document["sensors"][0]["source"], "/ouster/lidar_packets");
     let topics = document["topics"].as_array().unwrap();
@@ -101,7 +101,7 @@ fn piped() {
                 .unwrap();
             child.stdin.take().unwrap().write_all(&std::fs::read(bag(name)).unwrap()).unwrap();
             let output = child.wait_with_output().unwrap();
-            let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+            let document: Value = crate::support::document(&output.stdout).unwrap();
             assert_eq!(output.status.code(), Some(0), "{name}: {document}");
             assert_eq!(document["sensors"].as_array().unwrap().len(), 1, "{name}");
         }
@@ -166,7 +166,7 @@ fn packed_captures() {
         let path = folder.path().join(name);
         std::fs::write(&path, content).unwrap();
         let output = outrigger(&["decode", "--json", text_of(&path)]);
-        let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document: Value = crate::support::document(&output.stdout).unwrap();
         assert_eq!(document["sensors"][0]["totals"], expected["sensors"][0]["totals"], "{name}");
         assert_eq!(output.status.code(), Some(0));
         // cut off: said, and what was whole is decoded

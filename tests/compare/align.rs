@@ -407,7 +407,7 @@ impl Files {
     fn judged(&self, more: &[&str]) -> (Option<i32>, Value, String) {
         let output = self.run("compare", &[&["--nulls", "0"], more].concat());
         let messages = String::from_utf8_lossy(&output.stderr).into_owned();
-        let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{messages}"));
+        let document = crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{messages}"));
         (output.status.code(), document, messages)
     }
 }

@@ -56,7 +56,7 @@ fn compared(folder: &Path, more: &[&str]) -> Value {
         .args(more)
         .output()
         .unwrap();
-    serde_json::from_slice(&output.stdout)
+    crate::support::document(&output.stdout)
         .unwrap_or_else(|_| panic!("{more:?}: {}", String::from_utf8_lossy(&output.stderr)))
 }
 

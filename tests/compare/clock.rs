@@ -143,7 +143,7 @@ fn run(arguments: &[&str]) -> (Option<i32>, Value) {
         Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).arg("--json").output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr);
     let document =
-        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{arguments:?}: {message}"));
+        crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{arguments:?}: {message}"));
     (output.status.code(), document)
 }
 

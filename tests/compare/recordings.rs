@@ -31,7 +31,7 @@ fn compare(capture: &str, model: &str, more: &[&str]) -> Value {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"))
+    crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{said}"))
 }
 
 /// Shares of the rays that were recorded.

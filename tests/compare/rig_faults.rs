@@ -145,7 +145,7 @@ impl Recorded {
         }
         let output = self.compare(mount, &["--room=-4,-3,0,5,3.5,3"], &more);
         let said = String::from_utf8_lossy(&output.stderr);
-        let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
+        let document = crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
         (output.status.code(), document)
     }
 }
@@ -248,7 +248,7 @@ pub fn sensors_are_held_against_each_other() {
         }
         let output = command.output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
-        let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
+        let document: Value = crate::support::document(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
         (output.status.code(), document)
     };
     for (tilt_deg, way, verdict, code) in [(5.0, "walk.tum", "differs", 3), (0.0, "odometry", "matches", 0)] {
@@ -329,11 +329,11 @@ pub fn a_mesh_in_millimetres_is_named() {
     let said = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(1) && said.contains("mm"), "{said}");
     let forced = recorded.compare("mount.json", &scene, &["--mesh-unit", "m", "--voxel", "50"]);
-    let document: Value = serde_json::from_slice(&forced.stdout).unwrap();
+    let document: Value = crate::support::document(&forced.stdout).unwrap();
     assert_eq!(names(&document), [("mesh_unit", "[]".to_owned())], "{document:#}");
     assert!(document["words"][0].as_str().unwrap().contains("millimetres"));
     let right = recorded.compare("mount.json", &scene, &["--mesh-unit", "mm"]);
-    let document: Value = serde_json::from_slice(&right.stdout).unwrap();
+    let document: Value = crate::support::document(&right.stdout).unwrap();
     assert_eq!(document["verdict"], "matches", "{document:#}");
 }
 
@@ -357,7 +357,7 @@ pub fn what_is_wrong_with_the_input_is_said() {
     let corrected = recorded.path("corrected.json");
     let elsewhere = ["--nulls", "5", "--corrected-mount", corrected.to_str().unwrap()];
     let output = recorded.compare("mount.json", &["--room=-20,-20,0,20,20,10"], &elsewhere);
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &document["verdict"]), (Some(3), &Value::from("differs")));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("no corrected mount is written") && !corrected.exists(), "{said}");
@@ -377,7 +377,7 @@ pub fn a_room_of_another_size_is_told_as_such() {
     let corrected = recorded.path("corrected.json");
     let more = ["--nulls", "0", "--corrected-mount", corrected.to_str().unwrap()];
     let output = recorded.compare("mount.json", &["--room=-5,-4,-1,6,4.5,4"], &more);
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &document["verdict"]), (Some(3), &Value::from("differs")));
     assert!(!corrected.exists());
     let words = document["words"].to_string();
@@ -393,7 +393,7 @@ pub fn a_match_says_what_it_cannot_tell() {
     let out = recorded.path("report");
     let more = ["--nulls", "0", "--out", out.to_str().unwrap()];
     let output = recorded.compare("mount.json", &["--map-frames", "0..9"], &more);
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &document["verdict"]), (Some(0), &Value::from("matches")));
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     let headline = "covers what was predicted; the pitch of right and left is not observable";
@@ -425,7 +425,7 @@ pub fn a_walk_is_found_by_odometry() {
     let files = ["--out", tum.to_str().unwrap(), "--kitti", kitti.to_str().unwrap()];
     let output = run(&[&["--mount", mount.to_str().unwrap()], &files[..]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!((&document["format"], &document["sweeps"]), (&"outrigger-odometry/1".into(), &12.into()));
     assert_eq!(document["loose_sweeps"], 0, "{:#}", document["steps"]);
     let found = Trajectory::read(&std::fs::read(&tum).unwrap(), None).unwrap().trajectory;

@@ -116,7 +116,7 @@ impl Servo {
 fn stand(session: &Path) -> (Option<i32>, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
     let output = command.args(["rig", "calibrate"]).arg(session).arg("--json").output().unwrap();
-    let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let document = crate::support::document(&output.stdout).unwrap_or_default();
     (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
@@ -159,7 +159,7 @@ fn compare(session: &Path, more: &[&str]) -> (Option<i32>, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
     command.arg("compare").arg(session).args(["--json", "--nulls", "0", "--trajectory", "still"]);
     let output = command.arg("--room=-4,-3,-1.4,5,3.5,1.6").args(more).output().unwrap();
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let document: Value = crate::support::document(&output.stdout).unwrap_or_default();
     (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
 }
 

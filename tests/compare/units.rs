@@ -108,7 +108,7 @@ fn compare(recording: &Path, more: &[&str]) -> (Value, String) {
     command.arg("compare").arg(recording).args(["--json", "--nulls", "0", "--trajectory", "still"]);
     let output = command.args(["--room=-4,-3,-1.3,5,3.5,1.7"]).args(more).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    (serde_json::from_slice(&output.stdout).unwrap_or_default(), said)
+    (crate::support::document(&output.stdout).unwrap_or_default(), said)
 }
 
 fn agreeing(document: &Value) -> f64 {

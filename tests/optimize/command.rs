@@ -15,7 +15,7 @@ pub fn outrigger(arguments: &[&str]) -> std::process::Output {
 pub fn json(arguments: &[&str]) -> serde_json::Value {
     let output = outrigger(arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
+    crate::support::document(&output.stdout).unwrap()
 }
 
 pub fn the_command_finds_writes_and_goes_on() {
@@ -69,7 +69,7 @@ pub fn the_command_finds_writes_and_goes_on() {
     let spent = outrigger(&spent.concat());
     let said = String::from_utf8_lossy(&spent.stderr);
     assert!(spent.status.success() && !said.contains("interrupted"), "{said}");
-    let document: serde_json::Value = serde_json::from_slice(&spent.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&spent.stdout).unwrap();
     assert_eq!(document["stopped_by"], "rays");
     std::fs::write(&state, "{").unwrap();
     let broken = outrigger(&["optimize", "--preset", "paper-vlp-16", "--resume", &state, "--evals", "50"]);
@@ -94,7 +94,7 @@ pub fn ctrl_c_gives_the_best_so_far_at_once() {
     assert!(output.status.success(), "{said}");
     // far less than the final look of 32 mounts takes, far more than a batch does
     assert!(told.elapsed() < std::time::Duration::from_secs(20), "{:?}", told.elapsed());
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
     assert_eq!(document["stopped_by"], "interrupted");
     assert!(document["final_look"].is_null() && said.contains("without another look"), "{said}");
     assert!(mount.is_file());

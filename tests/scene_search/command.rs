@@ -118,7 +118,7 @@ pub fn optimize_searches_a_room() {
             .output()
             .unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let mut document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let mut document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
         document["wall_s"] = 0.into();
         document
     };
@@ -265,6 +265,23 @@ pub fn goes_on_from_a_state_file() {
     let output = outrigger(&other.concat());
     let words = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && words.contains("trajectory"), "{words}");
+}
+
+pub fn thins_the_beams_of_dear_rigs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (state, mount) = (path("state.json"), path("mount.json"));
+    let place = [ROOM, "--trajectory", "-1,0 1,0", "--ideal", "--json"];
+    let searched = ["--sensors", "os0-128,os0-128", "--evals", "40", "--resume", &state, "-o", &mount];
+    let found = json(&[&["optimize"][..], &place, &searched].concat());
+    let plan = &found["plan"];
+    assert_eq!((&plan["thinning"], &plan["whole"]), (&2.into(), &3.into()), "{plan}");
+    // what is said of the best mount is said of all its beams
+    let predicted = json(&[&["predict", "--no-baselines", "--mount", &mount][..], &place].concat());
+    let [best, predicted] = [&found["best"], &predicted].map(|seen| seen["unique_voxels"].as_i64().unwrap());
+    assert!((best - predicted).abs() <= 8, "{best} {predicted}");
+    let again = json(&[&["optimize"][..], &place, &searched[..6]].concat());
+    assert_eq!(again["best"], found["best"]);
 }
 
 pub fn refuses() {

@@ -60,7 +60,7 @@ pub fn ctrl_c_completes_the_session_and_replay_repeats_it() {
         .output()
         .unwrap();
     assert!(replay.status.success(), "{}", String::from_utf8_lossy(&replay.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&replay.stdout).unwrap();
     assert_eq!((document["packets"].as_u64(), document["not_mapped"].as_u64()), (Some(300), Some(0)));
     receiver.stop_handle().stop();
     let mut again = Vec::new();
@@ -88,7 +88,7 @@ fn replay(capture: &std::path::Path, more: &[&str]) -> (i32, serde_json::Value, 
     let mut command = outrigger();
     command.args(["--json", "replay", "--to", "127.0.0.1", "--rate", "100"]).args(more).arg(capture);
     let output = command.output().unwrap();
-    let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let document = crate::support::document(&output.stdout).unwrap_or_default();
     (output.status.code().unwrap(), document, String::from_utf8(output.stderr).unwrap())
 }
 
@@ -121,7 +121,7 @@ pub fn replay_says_what_it_does_not_send() {
         command.args(["--json", "replay", "-", "--to", "127.0.0.1"]).args(more);
         let output = command.stdin(std::fs::File::open(&whole).unwrap()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
-        let document: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&said);
+        let document: serde_json::Value = crate::support::document(&output.stdout).expect(&said);
         assert_eq!(document["packets"], 200);
     }
 }
@@ -140,7 +140,7 @@ pub fn a_looped_replay_ends_with_its_count() {
     kill(Pid::from_raw(running.id() as i32), Signal::SIGINT).unwrap();
     let output = running.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
     assert!(
         document["rounds"].as_u64() >= Some(2) && document["packets"].as_u64() >= Some(500),
         "{document}"
@@ -177,7 +177,7 @@ pub fn sensors_are_called_as_they_were_recorded() {
     let document = |arguments: &[&std::ffi::OsStr]| -> serde_json::Value {
         let output = outrigger().arg("--json").args(arguments).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
-        serde_json::from_slice(&output.stdout).expect(&said)
+        crate::support::document(&output.stdout).expect(&said)
     };
     let inspected = document(&["inspect".as_ref(), dir.as_os_str()]);
     for flow in inspected["flows"].as_array().unwrap() {
@@ -355,7 +355,7 @@ pub fn what_record_keeps_is_enough_to_compare() {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&compared.stderr);
-    let document: serde_json::Value = serde_json::from_slice(&compared.stdout).expect(&said);
+    let document: serde_json::Value = crate::support::document(&compared.stdout).expect(&said);
     let coverage = &document["coverage"];
     assert!(coverage["recorded"].as_u64() > Some(10_000), "{document:#}");
     assert_eq!(

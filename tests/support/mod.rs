@@ -1,6 +1,7 @@
 //! Cases of the integration binary and the data they need.
 
 pub mod datagram;
+mod document;
 pub mod walk;
 
 use std::path::PathBuf;
@@ -9,6 +10,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use libtest_mimic::{Arguments, Trial};
+
+pub use document::document;
 
 /// One test case.
 #[derive(Clone, Copy)]
@@ -78,28 +81,25 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let mut trials = Vec::new();
     let times_s = Arc::new(Mutex::new(Vec::new()));
     for (module, cases) in modules {
-        for case in *cases {
+        for (turn, case) in cases.iter().enumerate() {
             let name = format!("{module}::{}", case.name);
             let missing = case.needs.missing();
             if let Some(missing) = missing {
                 left_out.push((name.clone(), missing));
             }
             let (run, times_s, timed) = (case.run, times_s.clone(), name.clone());
-            trials.push(
-                Trial::test(name, move || {
-                    let start = Instant::now();
-                    run();
-                    times_s
-                        .lock()
-                        .expect("held for a push only")
-                        .push((start.elapsed().as_secs_f64(), timed));
-                    Ok(())
-                })
-                .with_ignored_flag(missing.is_some()),
-            );
+            let trial = Trial::test(name, move || {
+                let start = Instant::now();
+                run();
+                times_s.lock().expect("held for a push only").push((start.elapsed().as_secs_f64(), timed));
+                Ok(())
+            });
+            trials.push((turn, trial.with_ignored_flag(missing.is_some())));
         }
     }
-    let conclusion = libtest_mimic::run(&arguments, trials);
+    // one of each module in turn: cases that compute run beside cases that wait
+    trials.sort_by_key(|(turn, _)| *turn);
+    let conclusion = libtest_mimic::run(&arguments, trials.into_iter().map(|(_, trial)| trial).collect());
     if std::env::var_os("CASE_TIMES").is_some() {
         let mut times_s = times_s.lock().expect("every case has ended");
         times_s.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -164,9 +164,9 @@ pub(crate) struct Findings {
     pub again: Vec<f64>,
     /// Of the rigs that were cast.
     pub exact: Vec<Seen>,
-    /// Of the best of these with every beam, where the others were thinned.
+    /// Points with every beam, where the others were thinned.
     #[serde(default)]
-    pub whole: Vec<Seen>,
+    pub whole: Vec<(Vec<f64>, Seen)>,
 }
 
 /// How a search ended.
@@ -299,14 +299,14 @@ impl<'a> SceneSearch<'a> {
     /// Keeps the best of those judged, with every beam. How many rays that takes.
     fn judge_wholly(&mut self) -> u64 {
         self.exact.truncate(self.plan.whole);
-        let seen = match &self.known.whole[..] {
-            known if known.len() == self.exact.len() => known.to_vec(),
-            _ => self.judges.cast.see(&self.exact.iter().map(|exact| exact.rig.clone()).collect::<Vec<_>>()),
-        };
-        self.found.whole.clone_from(&seen);
-        for (exact, seen) in self.exact.iter_mut().zip(seen) {
-            exact.terms = self.weights.terms(&exact.rig, &seen);
-            exact.seen = seen;
+        for exact in &mut self.exact {
+            let known = self.known.whole.iter().find(|(values, _)| *values == exact.values);
+            exact.seen = match known {
+                Some((_, seen)) => seen.clone(),
+                None => self.judges.cast.see(std::slice::from_ref(&exact.rig)).swap_remove(0),
+            };
+            exact.terms = self.weights.terms(&exact.rig, &exact.seen);
+            self.found.whole.push((exact.values.clone(), exact.seen.clone()));
         }
         self.rank();
         self.exact.iter().map(|exact| exact.seen.rays).sum()
