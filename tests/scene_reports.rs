@@ -275,7 +275,7 @@ fn every_flaw_has_its_option() {
         &["--max-range", "2.5"],
         &["--max-incidence", "45"],
         &["--drop-out", "0.2"],
-        &["--reflectivity", "0.1", "--max-range", "8"],
+        &["--reflectivity", "0.001"],
         &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"],
     ] {
         assert!(returns(more) < all, "{more:?}");
@@ -284,6 +284,8 @@ fn every_flaw_has_its_option() {
     let bright = returns(&["--reflectivity", "0.9"]);
     assert!(bright > all - all / 100, "a bright room near by returns nearly everything: {bright} of {all}");
     assert!(returns(&["--reflectivity", "0.0002"]) < bright / 2, "a black one does not");
+    // a nearer limit does not make the sensor weaker
+    assert_eq!(returns(&["--reflectivity", "0.9", "--max-range", "20"]), bright);
     let noisy = folder.predict(&["--azimuths", "180", "--range-noise", "0.1"]);
     assert!(noisy["outside_grid"].as_u64().unwrap() > 0);
     assert_eq!(returns(&["--sub-rays", "6"]), all, "a closed room always returns the median");
