@@ -20,10 +20,7 @@ use crate::world::trajectory::Trajectory;
 const DEFAULT_VOXEL_M: f64 = 0.1;
 
 /// Where is searched, and what is odd about it.
-pub(super) fn sites(
-    args: &Args,
-    context: Context,
-) -> anyhow::Result<(Vec<(ViewSite, SiteSource)>, Vec<String>)> {
+pub(super) fn sites(args: &Args, context: Context) -> anyhow::Result<(Vec<Found>, Vec<String>)> {
     let of = &args.scene;
     let mut places: Vec<Place<'_>> =
         of.site.iter().map(|site| (Some(site.scene.as_path()), site.trajectory.as_ref())).collect();
@@ -49,6 +46,9 @@ pub(super) fn sites(
     }
     Ok((sites, warnings))
 }
+
+/// Where is searched, and where that comes from.
+type Found = (ViewSite, SiteSource);
 
 /// A scene, unless it is the room, and a trajectory.
 type Place<'a> = (Option<&'a Path>, Option<&'a WalkText>);

@@ -23,6 +23,12 @@ const BITMAP_BYTES: usize = 256 << 20;
 /// Distances at which beams are stopped, column by column, m.
 type Shade = Vec<f32>;
 
+/// By sensor; none where nothing blocks its beams.
+type ShadesOfRig = Vec<Option<Shade>>;
+
+/// Returns of a rig by voxel.
+type Hits = Vec<AtomicU16>;
+
 /// With how many digits beams are cast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
@@ -142,9 +148,9 @@ impl CastView {
         };
         let is_counting = self.min_hits > 1;
         let voxels = if is_counting { self.site.grid.len() } else { 0 };
-        let no_hits = |_: &Rig| -> Vec<AtomicU16> { (0..voxels).map(|_| AtomicU16::new(0)).collect() };
-        let hits: Vec<Vec<AtomicU16>> = rigs.iter().map(no_hits).collect();
-        let shades: Vec<Vec<Option<Shade>>> = rigs
+        let no_hits = |_: &Rig| -> Hits { (0..voxels).map(|_| AtomicU16::new(0)).collect() };
+        let hits: Vec<Hits> = rigs.iter().map(no_hits).collect();
+        let shades: Vec<ShadesOfRig> = rigs
             .par_iter()
             .map(|rig| (0..rig.sensors.len()).map(|at| self.shade(rig, at)).collect())
             .collect();
@@ -194,7 +200,7 @@ impl CastView {
         &self,
         unit: usize,
         scan: u64,
-        (rigs, shades, hits): (&[Rig], &[Vec<Option<Shade>>], &[Vec<AtomicU16>]),
+        (rigs, shades, hits): (&[Rig], &[ShadesOfRig], &[Hits]),
         bitmaps: &mut [Vec<Vec<u64>>],
     ) {
         let (fan, scans) = &self.units[unit];
