@@ -364,9 +364,9 @@ fn predict_counts_what_its_coverage_file_holds() {
     }
     let again: serde_json::Value = serde_json::from_slice(&walk.predict(&room).stdout).unwrap();
     assert_eq!(document["coverage_sha256"], again["coverage_sha256"]);
-    let wearer = walk.predict(&[&room[..], &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
-    let wearer: serde_json::Value = crate::support::document(&wearer.stdout).unwrap();
-    assert!(wearer["returns"].as_u64() < document["returns"].as_u64(), "the wearer stands in the way");
+    let shaded = walk.predict(&[&room[..], &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
+    let shaded: serde_json::Value = crate::support::document(&shaded.stdout).unwrap();
+    assert!(shaded["returns"].as_u64() < document["returns"].as_u64(), "the operator shades beams");
     let within = walk.predict(&[&room[..4], &["--operator", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
     let said = String::from_utf8_lossy(&within.stderr);
     assert!(said.contains("right: not one ray came back") && said.contains("operator"), "{said}");

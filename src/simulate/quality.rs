@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::base::numbers::counted;
+
 /// Limits that a return must keep, and returns that a voxel must have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quality {
@@ -33,8 +35,7 @@ impl Quality {
 
     /// In words. `is_share_limited`: whether what can be seen is counted within the same range and angle.
     pub(crate) fn words(&self, is_share_limited: bool) -> String {
-        let hits = if self.min_hits == 1 { "return" } else { "returns" };
-        let mut words = format!("a voxel needs {} {hits}", self.min_hits);
+        let mut words = format!("a voxel needs {}", counted(u64::from(self.min_hits), "return"));
         if let Some(angle_deg) = self.max_incidence_deg {
             words += &format!(", at {angle_deg}° or less from the surface's normal");
         }

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::local_origin::LocalOrigin;
 use super::scene::{MeshUnit, Scene};
 use super::trajectory::Trajectory;
+use crate::base::statistics::median;
 
 /// Coordinates of a scene and of a path in it differ by rounding up to this, m.
 const SLACK_M: f64 = 1e-6;
@@ -121,8 +122,7 @@ fn too_high(scene: &Scene, path_m: &[DVec3]) -> Option<String> {
     if 2 * heights_m.len() <= path_m.len() {
         return None;
     }
-    let median = |values: &mut [f64]| *values.select_nth_unstable_by(values.len() / 2, f64::total_cmp).1;
-    let (height_m, room_m) = (median(&mut heights_m), median(&mut rooms_m));
+    let (height_m, room_m) = (median(&mut heights_m)?, median(&mut rooms_m)?);
     let unit = [MeshUnit::Foot, MeshUnit::Inch].into_iter().find(|unit| {
         CARRIED_M.contains(&(height_m * unit.metres())) && ROOMS_M.contains(&(room_m * unit.metres()))
     })?;

@@ -87,23 +87,23 @@ pub fn a_recording_alone_says_what_its_true_trajectory_says() {
             };
             let mounts = MountFile::new(pair().into_iter().map(entry).collect());
             mounts.write(&folder.join("mount.json")).unwrap();
-            let [alone, told] = [compared(folder, &[]), compared(folder, &["--trajectory", "truth.tum"])];
+            let [alone, by_truth] = [compared(folder, &[]), compared(folder, &["--trajectory", "truth.tum"])];
             let figure = |name: &str| alone["relative_tilt"][name].as_f64().unwrap_or(f64::NAN);
             let (found_deg, u95_deg) = (figure("error_deg"), figure("u95_deg"));
-            let of_told_deg = told["relative_tilt"]["error_deg"].as_f64().unwrap_or(f64::NAN);
+            let by_truth_deg = by_truth["relative_tilt"]["error_deg"].as_f64().unwrap_or(f64::NAN);
             let off_deg = (found_deg - tilt_deg).abs();
             println!(
-                "{seed}, {tilt_deg}: {found_deg:.3} +- {u95_deg:.3} deg ({of_told_deg:.3}), {} {} (with the trajectory {} {}), {}",
+                "{seed}, {tilt_deg}: {found_deg:.3} +- {u95_deg:.3} deg ({by_truth_deg:.3}), {} {} (with the trajectory {} {}), {}",
                 alone["verdict"],
                 alone["reason"]["code"],
-                told["verdict"],
-                told["reason"]["code"],
+                by_truth["verdict"],
+                by_truth["reason"]["code"],
                 alone["alignment"]["answer"]
             );
             within += usize::from(off_deg <= u95_deg);
             // an interval of 95 % leaves one in twenty outside
             let is_right = off_deg <= f64::max(2.0 * u95_deg, 0.02) && off_deg < 0.1;
-            if !is_right || alone["verdict"] != told["verdict"] {
+            if !is_right || alone["verdict"] != by_truth["verdict"] {
                 wrong.push(format!("{seed}, {tilt_deg}: {:#} {:#}", alone["reason"], alone["words"]));
             }
         }

@@ -40,17 +40,17 @@ enum Off {
 }
 
 impl Off {
-    fn truth(self, way: &Trajectory, seed: u64) -> Trajectory {
+    fn truth(self, trajectory: &Trajectory, seed: u64) -> Trajectory {
         let error = PoseError::default();
         match self {
-            Self::Drifting => error.disturb(way, seed),
-            Self::ByRevolution => Self::of_size(way, seed, error.position_sd_m, error.rotation_sd_rad),
+            Self::Drifting => error.disturb(trajectory, seed),
+            Self::ByRevolution => Self::of_size(trajectory, seed, error.position_sd_m, error.rotation_sd_rad),
         }
     }
 
     /// Anew for each revolution, with these standard deviations.
-    fn of_size(way: &Trajectory, seed: u64, position_sd_m: f64, rotation_sd_rad: f64) -> Trajectory {
-        let [start_ns, end_ns] = way.time_span_ns();
+    fn of_size(trajectory: &Trajectory, seed: u64, position_sd_m: f64, rotation_sd_rad: f64) -> Trajectory {
+        let [start_ns, end_ns] = trajectory.time_span_ns();
         let mut stamped = Vec::new();
         for from_ns in (start_ns..end_ns).step_by(REVOLUTION_NS as usize) {
             let mut rng = Rng::new(seed, from_ns);
@@ -59,11 +59,11 @@ impl Off {
             let off = Pose::new(DQuat::from_scaled_axis(turn), off_m);
             let to_ns = (from_ns + REVOLUTION_NS).min(end_ns + 1);
             let between =
-                way.stamped().map(|(time_ns, _)| time_ns).filter(|at| (from_ns..to_ns).contains(at));
+                trajectory.stamped().map(|(time_ns, _)| time_ns).filter(|at| (from_ns..to_ns).contains(at));
             let mut times_ns: Vec<u64> = [from_ns, to_ns - 1].into_iter().chain(between).collect();
             times_ns.sort_unstable();
             times_ns.dedup();
-            stamped.extend(times_ns.into_iter().filter_map(|at| Some((at, way.at(at)? * off))));
+            stamped.extend(times_ns.into_iter().filter_map(|at| Some((at, trajectory.at(at)? * off))));
         }
         Trajectory::new(stamped).unwrap()
     }
@@ -87,8 +87,8 @@ fn pair(model: &str, pitch_deg: f64) -> Vec<MountedSensor> {
 
 struct House {
     scene: Scene,
-    way: Trajectory,
-    said: Vec<MountedSensor>,
+    trajectory: Trajectory,
+    nominal: Vec<MountedSensor>,
 }
 
 impl House {
@@ -97,22 +97,22 @@ impl House {
         let walk = std::fs::read(shared("reference/validation/house_trajectory.tum")).unwrap();
         Self {
             scene: Scene::Mesh(Arc::new(mesh)),
-            way: Trajectory::read(&walk, None).unwrap().trajectory,
-            said: pair("os1-64", 32.7),
+            trajectory: Trajectory::read(&walk, None).unwrap().trajectory,
+            nominal: pair("os1-64", 32.7),
         }
     }
 
-    /// One walk: the first sensor tilted by this much more than said, all ranges too long by a bias.
+    /// One walk: the first sensor tilted by this much above nominal, all ranges too long by a bias.
     fn walk(&self, off: Off, seed: u64, tilt_deg: f64, bias_m: f64, rays_per_turn: u64) -> MountCheck {
-        let truth = off.truth(&self.way, seed);
+        let truth = off.truth(&self.trajectory, seed);
         let mut rng = Rng::new(seed, 77);
         let mut rays = Vec::new();
-        let [start_ns, end_ns] = self.way.time_span_ns();
+        let [start_ns, end_ns] = self.trajectory.time_span_ns();
         for revolution_ns in (start_ns..end_ns - REVOLUTION_NS).step_by((EVERY * REVOLUTION_NS) as usize) {
             for number in 0..rays_per_turn {
                 let time_ns = revolution_ns + number * REVOLUTION_NS / rays_per_turn;
                 let world_from_body = truth.at(time_ns).unwrap();
-                for (sensor, mounted) in self.said.iter().enumerate() {
+                for (sensor, mounted) in self.nominal.iter().enumerate() {
                     let mut mount = mounted.mount;
                     mount.pitch_rad += if sensor == 0 { tilt_deg.to_radians() } else { 0.0 };
                     let mut ray = RecordedRay {
@@ -124,15 +124,19 @@ impl House {
                         range_m: None,
                     };
                     let noise_m = 0.02 * rng.normal();
-                    let placed = ray.place(&self.said, &(world_from_body * mount.body_from_sensor()));
+                    let placed = ray.place(&self.nominal, &(world_from_body * mount.body_from_sensor()));
                     let met = placed.cast(&self.scene, mounted);
                     ray.range_m = met.map(|(range_m, _)| range_m + noise_m + bias_m);
                     rays.push(ray);
                 }
             }
         }
-        let field =
-            calibrate::Field { scene: &self.scene, trajectory: &self.way, sensors: &self.said, rays: &rays };
+        let field = calibrate::Field {
+            scene: &self.scene,
+            trajectory: &self.trajectory,
+            sensors: &self.nominal,
+            rays: &rays,
+        };
         calibrate::check(&field, &Settings::default())
     }
 }
@@ -210,13 +214,13 @@ pub fn known_tilts_are_recovered() {
     assert!(sure as f64 >= 0.95 * walks as f64, "{sure} of {walks}");
 }
 
-/// Both sensors' frames of the whole walk, the first tilted by this much more than said, and what they say of each other.
+/// Both sensors' frames of the whole walk, the first tilted by this much above nominal, and what they tell of each other.
 fn without_scene(house: &House, off: Off, seed: u64, tilt_deg: f64) -> calibrate::RelativeMount {
-    let truth = off.truth(&house.way, seed);
-    let [start_ns, end_ns] = house.way.time_span_ns();
+    let truth = off.truth(&house.trajectory, seed);
+    let [start_ns, end_ns] = house.trajectory.time_span_ns();
     let spin = Spin::Angles { columns: 512, rate_hz: 10.0 };
     let mut rays = Thinning::new(1 << 22);
-    for (number, sensor) in house.said.iter().enumerate() {
+    for (number, sensor) in house.nominal.iter().enumerate() {
         let mut mount = sensor.mount;
         mount.pitch_rad += if number == 0 { tilt_deg.to_radians() } else { 0.0 };
         let seat = mount.body_from_sensor();
@@ -236,8 +240,8 @@ fn without_scene(house: &House, off: Off, seed: u64, tilt_deg: f64) -> calibrate
     }
     let rays = Thinning::joined([rays]);
     let pair = calibrate::Pair {
-        trajectory: &house.way,
-        sensors: &house.said,
+        trajectory: &house.trajectory,
+        sensors: &house.nominal,
         first: 0,
         second: 1,
         rays: &rays,
@@ -270,7 +274,7 @@ pub fn relative_tilts_need_no_scene() {
     assert!(beyond.is_empty(), "{beyond:#?}");
 }
 
-/// One way in which a recording goes wrong.
+/// How a recording goes wrong.
 #[derive(Clone, Copy, Default)]
 struct Spoiled {
     noise_m: f64,
@@ -281,21 +285,22 @@ struct Spoiled {
 }
 
 /// Share of the house's surface that two VLP-16 at +-37.6 degrees recorded, snapped to the prediction, %, and as measured.
-fn covered(scene: &Scene, way: &Trajectory, spoiled: Spoiled) -> [f64; 2] {
-    let said = pair("vlp-16", 37.6);
+fn covered(scene: &Scene, trajectory: &Trajectory, spoiled: Spoiled) -> [f64; 2] {
+    let nominal = pair("vlp-16", 37.6);
     let truth = match spoiled.pose_m > 0.0 {
-        true => Off::of_size(way, 3, spoiled.pose_m, (10.0 * spoiled.pose_m).to_radians()),
-        false => way.clone(),
+        true => Off::of_size(trajectory, 3, spoiled.pose_m, (10.0 * spoiled.pose_m).to_radians()),
+        false => trajectory.clone(),
     };
-    let stations: Vec<DVec3> = way.stations_m(0.5).into_iter().map(|at| at + 0.1 * DVec3::Z).collect();
+    let stations: Vec<DVec3> = trajectory.stations_m(0.5).into_iter().map(|at| at + 0.1 * DVec3::Z).collect();
     let patches = Patches::of_scene(scene, 100_000, 1, &stations).unwrap();
     let grid = VoxelGrid::centred_on(scene.bounds_m(), 0.5);
-    let mut replay = Replay::new(scene, way, said.clone(), &grid, Gate::default()).with_surface(&patches);
+    let mut replay =
+        Replay::new(scene, trajectory, nominal.clone(), &grid, Gate::default()).with_surface(&patches);
     let spin = Spin::Angles { columns: 180, rate_hz: 10.0 };
-    let [start_ns, end_ns] = way.time_span_ns();
+    let [start_ns, end_ns] = trajectory.time_span_ns();
     let mut rng = Rng::new(5, 5);
     for turn in 0..((end_ns - start_ns) / REVOLUTION_NS) as u32 {
-        for (number, sensor) in said.iter().enumerate() {
+        for (number, sensor) in nominal.iter().enumerate() {
             let mut mount = sensor.mount;
             mount.pitch_rad += if number == 0 { spoiled.tilt_deg.to_radians() } else { 0.0 };
             let seat = mount.body_from_sensor();
@@ -328,9 +333,9 @@ fn covered(scene: &Scene, way: &Trajectory, spoiled: Spoiled) -> [f64; 2] {
 /// What errors take from the coverage that is snapped to the prediction: the published table's differences from a clean
 /// recording, points, for two VLP-16 in the furnished house.
 pub fn errors_take_from_coverage_what_the_table_says() {
-    let House { scene, way, .. } = House::read();
+    let House { scene, trajectory, .. } = House::read();
     let none = Spoiled::default();
-    let [clean, measured] = covered(&scene, &way, none);
+    let [clean, measured] = covered(&scene, &trajectory, none);
     println!("clean: {clean:.2} %, as measured {measured:.2} %");
     let table = [
         ("noise of 1 cm", Spoiled { noise_m: 0.01, ..none }, 0.0, 0.1),
@@ -344,7 +349,7 @@ pub fn errors_take_from_coverage_what_the_table_says() {
     ];
     let mut beyond = Vec::new();
     for (what, spoiled, published, slack) in table {
-        let [recorded, measured] = covered(&scene, &way, spoiled);
+        let [recorded, measured] = covered(&scene, &trajectory, spoiled);
         let change = recorded - clean;
         println!(
             "{what}: {change:+.2} points ({published:+.2} published), as measured {:+.2}",

@@ -276,7 +276,7 @@ pub fn thins_the_beams_of_dear_rigs() {
     let found = json(&[&["optimize"][..], &place, &searched].concat());
     let plan = &found["plan"];
     assert_eq!((&plan["thinning"], &plan["whole"]), (&2.into(), &3.into()), "{plan}");
-    // what is said of the best mount is said of all its beams
+    // the count of the best mount is that of all its beams
     let predicted = json(&[&["predict", "--mount", &mount][..], &place].concat());
     let [best, predicted] = [&found["best"], &predicted].map(|seen| seen["unique_voxels"].as_i64().unwrap());
     assert!((best - predicted).abs() <= 8, "{best} {predicted}");

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::{Gate, Patches, Replay, Replayed};
+use crate::base::numbers::counted;
 use crate::recording::RecordingError;
 use crate::recording::mounted::{MountedFrame, PassSummary};
 use crate::rig::Rig;
@@ -67,9 +68,9 @@ pub(crate) enum ReplayingError {
     Recording(#[from] RecordingError),
     /// Silent because nothing of it was left, not because it is dead.
     #[error(
-        "--map-frames 0..{mapped} leaves nothing to compare, {sensor} recorded {frames} {}: expected fewer in the map; a single one \
+        "--map-frames 0..{mapped} leaves nothing to compare, {sensor} recorded {}: expected fewer in the map; a single one \
          can be compared with another session or a mesh (--scene)",
-        if *.frames == 1 { "revolution" } else { "revolutions" }
+        counted(*.frames, "revolution")
     )]
     UsedUp { sensor: String, frames: u64, mapped: u64 },
 }

@@ -18,6 +18,7 @@ mod sweeps;
 use glam::{DQuat, DVec3};
 
 use crate::base::geometry::Pose;
+use crate::base::numbers::counted;
 use crate::base::statistics::median;
 use crate::design::registration::{DEGENERATE, Information, RegistrationQuality};
 use crate::world::trajectory::{Trajectory, TrajectoryError};
@@ -159,8 +160,8 @@ pub struct Walked {
 pub enum OdometryError {
     /// One sweep has nothing to be laid against.
     #[error(
-        "{sweeps} {} with at least {LEAST_POINTS} returns, odometry needs two: record longer; a rig at rest needs no trajectory",
-        if *.sweeps == 1 { "revolution" } else { "revolutions" }
+        "{} with at least {LEAST_POINTS} returns, odometry needs two: record longer; a rig at rest needs no trajectory",
+        counted(*.sweeps as u64, "revolution")
     )]
     TooFew {
         /// Usable sweeps.

@@ -114,7 +114,11 @@ fn placed_alone(
     time_offset_ns: i64,
 ) -> Result<Option<Placed>, WalkError> {
     for (sensor, mounted) in recorded.rig.sensors.iter().enumerate() {
-        let result = OdometryResult::of_sensor(recorded, &spec.odometry, sensor)?;
+        let result = match OdometryResult::of_sensor(recorded, &spec.odometry, sensor) {
+            // too little of this one
+            Err(WalkError::Odometry(_)) => continue,
+            result => result?,
+        };
         let walk = Walk {
             trajectory: &result.walked.trajectory,
             rays: &result.rays,

@@ -8,6 +8,7 @@ use super::files::{Stamped, check_bounds, line_error, numbers, rotation_of, unit
 use super::stamp::TimeUnit;
 use super::{Trajectory, TrajectoryError, upright};
 use crate::base::geometry::Pose;
+use crate::base::numbers::counted;
 use crate::base::text;
 
 /// A trajectory as read.
@@ -197,7 +198,7 @@ impl Reader {
         if self.repeated > 0 {
             notes.push(format!(
                 "{} with the time of the pose before left out (the first in line {})",
-                if self.repeated == 1 { "1 pose".into() } else { format!("{} poses", self.repeated) },
+                counted(self.repeated as u64, "pose"),
                 self.first_repeated
             ));
         }
