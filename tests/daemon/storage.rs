@@ -8,6 +8,7 @@ use outrigger::recording::Session;
 
 use super::program::{Bench, PATIENCE, Running, sessions_in};
 use super::sensor::Sending;
+use crate::support::delete_under;
 
 pub fn a_killed_daemon_leaves_a_session_that_opens() {
     let bench = Bench::new(&["left"], "");
@@ -74,7 +75,7 @@ pub fn a_session_that_is_removed_goes_on_in_another() {
     let status = daemon.wait("packets are recorded again", recorded);
     let second = name(&status);
     assert!(status["recorder"]["recording"] == true && status["recorder"]["lost"] == 0, "{status}");
-    std::fs::remove_dir_all(bench.path("sessions")).unwrap();
+    delete_under(&daemon.child, &bench.path("sessions"));
     daemon.wait("another session is deleted", |status| status["recorder"]["sessions"] == 2);
     assert!(daemon.wait_for_problem("session_displaced").contains(&format!("{second} was deleted")));
     daemon.wait("packets are recorded once more", recorded);

@@ -14,6 +14,7 @@ use sensors::Packet;
 use super::crash::Recorder;
 use super::round_trip::packets_of;
 use super::{payloads, sender, wait_until};
+use crate::support::delete_under;
 
 /// A recorder of which so many packets have reached the file.
 fn recording(dir: &Path, sent: &[Vec<u8>]) -> Recorder {
@@ -83,7 +84,7 @@ pub fn a_folder_deleted_while_recording_is_counted_and_recording_goes_on() {
     let dir = parent.join("walk");
     let sent = payloads(150, 12);
     let recorder = recording(&dir, &sent[..100]);
-    fs::remove_dir_all(&parent).unwrap();
+    delete_under(&recorder.child, &parent);
     wait_until("a session goes on under the name", || {
         Manifest::read(&dir).is_ok_and(|manifest| manifest.follows.is_some())
     });

@@ -4,12 +4,15 @@ pub mod datagram;
 mod document;
 pub mod walk;
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ExitCode};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use libtest_mimic::{Arguments, Trial};
+use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
+use nix::unistd::Pid;
 
 pub use document::document;
 
@@ -69,6 +72,15 @@ pub fn shared_folder() -> Option<PathBuf> {
 /// A path below that folder; only for cases made by [`with_shared`].
 pub fn shared(path: &str) -> PathBuf {
     shared_folder().expect("the case is run only with the folder").join(path)
+}
+
+/// Deletes a folder while the child that writes into it stands still: what it wrote in between would stay behind.
+pub fn delete_under(child: &Child, folder: &Path) {
+    let pid = Pid::from_raw(child.id() as i32);
+    kill(pid, Signal::SIGSTOP).unwrap();
+    assert_eq!(waitpid(pid, Some(WaitPidFlag::WUNTRACED)), Ok(WaitStatus::Stopped(pid, Signal::SIGSTOP)));
+    std::fs::remove_dir_all(folder).unwrap();
+    kill(pid, Signal::SIGCONT).unwrap();
 }
 
 /// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case follow on
