@@ -11,7 +11,7 @@ pub use strays::Strays;
 use glam::DVec3;
 
 use super::Hit;
-use super::bricks::{BrickIndex, CELLS, LastRegion, cell_of, split};
+use super::bricks::{BrickIndex, CELLS, EDGE, LastRegion, cell_of, split};
 
 /// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -203,18 +203,19 @@ impl VoxelMap {
     /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
     /// occupied cell hits it.
     pub(crate) fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
-        self.first_occupied(origin_m, direction, |_| ())
+        self.first_occupied::<true>(origin_m, direction, |_| ())
     }
 
     /// Whether the map does not know where a ray ends: it crosses an unknown cell before it hits something, or leaves
     /// [`VoxelMap::bounds_m`] without a hit.
     pub(crate) fn is_unknown(&self, origin_m: DVec3, direction: DVec3) -> bool {
         let mut unknown = false;
-        let hit = self.first_occupied(origin_m, direction, |cell| unknown |= cell == Cell::Unknown);
+        let hit = self.first_occupied::<false>(origin_m, direction, |cell| unknown |= cell == Cell::Unknown);
         unknown || hit.is_none()
     }
 
-    fn first_occupied(
+    /// `crossed` is called with the state of every cell before that one, or, where air is skipped, with some of them.
+    fn first_occupied<const SKIPS_AIR: bool>(
         &self,
         origin_m: DVec3,
         direction: DVec3,
@@ -230,7 +231,13 @@ impl VoxelMap {
         let mut entered_m = 0.0;
         let mut axis = direction.abs().max_position();
         while entered_m <= length_m {
-            let state = self.state(walk.cell, &mut last);
+            let (brick, inside) = split(walk.cell);
+            let brick = self.index.find_near(brick, &mut last).map(|number| &self.bricks[number as usize]);
+            if SKIPS_AIR && brick.is_none_or(|brick| brick.ends.is_none()) {
+                (entered_m, axis) = walk.leave_brick();
+                continue;
+            }
+            let state = brick.map_or(Cell::Unknown, |brick| brick.state(inside, self.least_hits));
             if state == Cell::Occupied {
                 let left_m = walk.next_m().max(entered_m);
                 let along_m = self.mean_m(walk.cell).map_or(entered_m, |mean| direction.dot(mean - start_m));
@@ -367,28 +374,31 @@ impl Brick {
 struct CellWalk {
     cell: [i32; 3],
     step: [i32; 3],
+    /// Distance to the first face of each axis, m.
+    first_m: [f64; 3],
+    /// Distance between two faces of each axis, m; 0 along an axis without any.
+    between_m: [f64; 3],
+    /// Faces of each axis that lie behind.
+    passed: [f64; 3],
     /// Distance to the next face of each axis, m.
     to_face_m: [f64; 3],
-    /// Distance between two faces of each axis, m.
-    between_m: [f64; 3],
 }
 
 impl CellWalk {
     fn new(from_m: DVec3, direction: DVec3, voxel_m: f64) -> Self {
         let cell = cell_of(from_m, 1.0 / voxel_m);
-        let mut walk =
-            Self { cell, step: [0; 3], to_face_m: [f64::INFINITY; 3], between_m: [f64::INFINITY; 3] };
+        let (mut step, mut first_m, mut between_m) = ([0; 3], [f64::INFINITY; 3], [0.0; 3]);
         for axis in 0..3 {
             let slope = direction[axis];
             if slope == 0.0 {
                 continue;
             }
             let face = f64::from(cell[axis]) + f64::from(u8::from(slope > 0.0));
-            walk.step[axis] = if slope > 0.0 { 1 } else { -1 };
-            walk.to_face_m[axis] = ((face * voxel_m - from_m[axis]) / slope).max(0.0);
-            walk.between_m[axis] = voxel_m / slope.abs();
+            step[axis] = if slope > 0.0 { 1 } else { -1 };
+            first_m[axis] = ((face * voxel_m - from_m[axis]) / slope).max(0.0);
+            between_m[axis] = voxel_m / slope.abs();
         }
-        walk
+        Self { cell, step, first_m, between_m, passed: [0.0; 3], to_face_m: first_m }
     }
 
     /// Distance to where the ray leaves the cell, m.
@@ -397,20 +407,68 @@ impl CellWalk {
     }
 
     /// On to the next cell: distance to it, m, and the axis of the face.
+    #[inline]
     fn step(&mut self) -> (f64, usize) {
-        let to = self.to_face_m;
-        let axis = if to[0] <= to[1] && to[0] <= to[2] {
-            0
-        } else if to[1] <= to[2] {
-            1
-        } else {
-            2
-        };
-        let walked_m = to[axis];
-        self.cell[axis] = self.cell[axis].saturating_add(self.step[axis]);
-        self.to_face_m[axis] += self.between_m[axis];
+        let axis = nearest(self.to_face_m);
+        let walked_m = self.to_face_m[axis];
+        // which axis is next cannot be foretold: no jumps
+        for of in 0..3 {
+            self.pass(of, i32::from(of == axis));
+        }
         (walked_m, axis)
     }
+
+    /// On to the first cell outside the brick, as by one step after the other.
+    fn leave_brick(&mut self) -> (f64, usize) {
+        let within = [0, 1, 2].map(|axis| {
+            let inside = self.cell[axis] & (EDGE - 1);
+            if self.step[axis] > 0 { EDGE - 1 - inside } else { inside }
+        });
+        let after_m = |axis: usize, faces: i32| {
+            self.first_m[axis] + (self.passed[axis] + f64::from(faces)) * self.between_m[axis]
+        };
+        let out_m = [0, 1, 2].map(|axis| after_m(axis, within[axis]));
+        let axis = nearest(out_m);
+        let walked_m = out_m[axis];
+        let faces = [0, 1, 2].map(|of| {
+            if of == axis {
+                return within[axis] + 1;
+            }
+            let is_before = |faces| {
+                let face_m = after_m(of, faces);
+                face_m < walked_m || (face_m == walked_m && of < axis)
+            };
+            // nearly that many; a rounded quotient is one off at most faces
+            let about = ((walked_m - self.to_face_m[of]) / self.between_m[of]) as i32;
+            let mut faces = about.clamp(0, within[of]);
+            while faces > 0 && !is_before(faces - 1) {
+                faces -= 1;
+            }
+            while faces < within[of] && is_before(faces) {
+                faces += 1;
+            }
+            faces
+        });
+        for (of, faces) in faces.into_iter().enumerate() {
+            self.pass(of, faces);
+        }
+        (walked_m, axis)
+    }
+
+    #[inline]
+    fn pass(&mut self, axis: usize, faces: i32) {
+        self.cell[axis] = self.cell[axis].saturating_add(faces * self.step[axis]);
+        self.passed[axis] += f64::from(faces);
+        self.to_face_m[axis] = self.first_m[axis] + self.passed[axis] * self.between_m[axis];
+    }
+}
+
+/// Axis of the nearest of three faces, the first of equals.
+#[inline]
+fn nearest(face_m: [f64; 3]) -> usize {
+    let x = face_m[0] <= face_m[1] && face_m[0] <= face_m[2];
+    let y = face_m[1] <= face_m[2];
+    if x { 0 } else { 2 - usize::from(y) }
 }
 
 /// Part of a ray inside a box: distances at which it enters and leaves, m.

@@ -99,3 +99,38 @@ fn rays_beyond_belief_are_counted() {
     map.add_return(DVec3::ONE, DVec3::ONE);
     assert_eq!(map.counts(), [0, 1], "a return at the sensor itself");
 }
+
+#[test]
+fn a_brick_is_left_as_by_one_step_after_the_other() {
+    let mut rng = Rng::new(5, 0);
+    for n in 0..20_000 {
+        // every third ray goes through edges and corners of cells, or along an axis
+        let even = |value: f64| if n % 3 == 0 { (4.0 * value).round() / 4.0 } else { value };
+        let from_m = DVec3::from([(); 3].map(|()| even(rng.between(-3.0, 3.0))));
+        let direction = DVec3::from([(); 3].map(|()| even(rng.between(-0.6, 0.6))));
+        let Some(direction) = direction.try_normalize() else { continue };
+        let [mut by_steps, mut at_once] = [(); 2].map(|()| CellWalk::new(from_m, direction, 0.25));
+        for _ in 0..5 {
+            let (brick, _) = split(by_steps.cell);
+            let mut entered = by_steps.step();
+            while split(by_steps.cell).0 == brick {
+                entered = by_steps.step();
+            }
+            assert_eq!(at_once.leave_brick(), entered, "{from_m} {direction}");
+            assert_eq!(at_once.cell, by_steps.cell, "{from_m} {direction}");
+            assert_eq!(at_once.to_face_m, by_steps.to_face_m, "{from_m} {direction}");
+        }
+    }
+}
+
+#[test]
+fn rays_that_skip_air_end_where_the_others_do() {
+    let (_, map) = mapped(0.02);
+    let mut rng = Rng::new(6, 0);
+    for _ in 0..2000 {
+        let from_m = DVec3::new(rng.between(-4.0, 4.0), rng.between(-3.0, 3.0), rng.between(-2.0, 2.0));
+        let direction = DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
+        let every_cell = map.first_occupied::<false>(from_m, direction, |_| ());
+        assert_eq!(map.cast(from_m, direction), every_cell);
+    }
+}
