@@ -16,6 +16,8 @@ pub(crate) const BODY_HEIGHT_M: f64 = 1.6;
 /// Speed of a planned walk, m/s, and of a turn on the spot, rad/s.
 const SPEED_M_S: f64 = 1.2;
 const TURN_RAD_S: f64 = 1.0;
+/// Time between its poses, ns: readers of its file doubt gaps.
+const BETWEEN_POSES_NS: u64 = 100_000_000;
 /// Free height that somebody with a rig needs, m.
 const HEADROOM_M: f64 = 2.0;
 /// Surfaces nearer to each other than this are one, m.
@@ -70,7 +72,7 @@ pub(crate) struct Walk {
 }
 
 fn polyline(corners_m: &[DVec3]) -> Result<Trajectory, TrajectoryError> {
-    Trajectory::polyline(corners_m, SPEED_M_S, TURN_RAD_S, 0)
+    Ok(Trajectory::polyline(corners_m, SPEED_M_S, TURN_RAD_S, 0)?.filled(BETWEEN_POSES_NS))
 }
 
 /// A walk along corners.

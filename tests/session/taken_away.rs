@@ -39,7 +39,11 @@ fn send(recorder: &Recorder, payloads: &[Vec<u8>]) {
 }
 
 fn interrupt(recorder: Recorder) -> (Option<i32>, String, String) {
-    kill(Pid::from_raw(recorder.child.id() as i32), Signal::SIGINT).unwrap();
+    ended_by(recorder, Signal::SIGINT)
+}
+
+fn ended_by(recorder: Recorder, signal: Signal) -> (Option<i32>, String, String) {
+    kill(Pid::from_raw(recorder.child.id() as i32), signal).unwrap();
     recorder.end()
 }
 
@@ -261,10 +265,10 @@ pub fn an_unmounted_disk_is_closed_through_what_is_open() {
     let folder = tempfile::tempdir().unwrap();
     let (disk, saved) = (folder.path().join("disk"), folder.path().join("saved"));
     fs::create_dir(&disk).unwrap();
-    // the copy is taken through a second mount of the same disk
+    // the copy is taken through a second mount of the same disk; a shell that was started in the background traps no SIGINT
     let script = "mount -t tmpfs -o size=64m tmpfs \"$0\"; mkdir \"$1\"; mount --bind \"$0\" \"$1\"; set +e
-        trap : INT
-        \"$2\" record --listen a=127.0.0.1:0 --out \"$0/walk\" & child=$!; trap 'kill -INT $child' INT
+        trap : TERM
+        \"$2\" record --listen a=127.0.0.1:0 --out \"$0/walk\" & child=$!; trap 'kill -TERM $child' TERM
         while [ ! -e \"$0/walk/manifest.json\" ]; do sleep 0.1; done; sleep 1; umount -l \"$0\"
         wait $child; code=$?; while kill -0 $child 2>/dev/null; do wait $child; code=$?; done
         cp -r \"$1/walk\" \"$1.copy\"; exit $code";
@@ -276,7 +280,7 @@ pub fn an_unmounted_disk_is_closed_through_what_is_open() {
     send(&recorder, &sent[..20]);
     wait_until("recording goes on below the disk", || Session::is_session(&disk.join("walk")));
     send(&recorder, &sent[20..]);
-    let (code, _, message) = interrupt(recorder);
+    let (code, _, message) = ended_by(recorder, Signal::SIGTERM);
     assert!(code == Some(3) && message.contains("its disk was unmounted"), "{code:?} {message}");
     let before = Session::open(&folder.path().join("saved.copy")).unwrap();
     assert!(before.manifest().complete && before.problems().is_empty(), "{:?}", before.problems());

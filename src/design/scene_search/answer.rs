@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::search::{Exact, Judges, SceneSearch, tilt_rad};
+use super::plan::Judges;
+use super::search::{Exact, SceneSearch, tilt_rad};
 use super::weights::{angle_deg, share_of};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;

@@ -6,6 +6,7 @@
 
 mod answer;
 mod correction;
+mod plan;
 mod rig_space;
 mod search;
 mod sites;
@@ -14,8 +15,9 @@ mod weights;
 
 pub(crate) use answer::{Answer, Judged, JudgedAtSite};
 pub(crate) use correction::ModelError;
+pub(crate) use plan::{Judges, Plan};
 pub(crate) use rig_space::{RigSpace, is_of_few_channels};
-pub(crate) use search::{Findings, Judges, Plan, SceneSearch, SearchEnd};
+pub(crate) use search::{Findings, SceneSearch, SearchEnd};
 pub(crate) use sites::Views;
 pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, share_of};

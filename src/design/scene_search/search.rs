@@ -4,12 +4,13 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::correction::{Correction, ModelError};
-use super::{RigSpace, SceneWeights, is_of_few_channels};
+use super::plan::{Judges, Plan};
+use super::{RigSpace, SceneWeights};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
-use crate::simulate::view::{CastSites, CellSites, Seen};
+use crate::simulate::view::{CellSites, Seen};
 
 /// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
 /// best mounts.
@@ -20,89 +21,10 @@ const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 /// Mounts from which a local search steps, and steps between two looks at which are best.
 const PARENTS: usize = 8;
 const CHILDREN: usize = 16;
-/// Exact evaluations of rigs that cast so many rays or more are dear, of those that cast fewer than so many cheap.
-const DEAR_RAYS: u64 = 10_000_000;
-const CHEAP_RAYS: u64 = 3_000_000;
-/// A thinned view casts at most so many rays of a rig, but one beam in so many at least; second that of sensors of few channels,
-/// whose gaps many revolutions have to fill. Thinner views count the density of beams, not what is seen.
-const THINNEST: [(u64, u32); 2] = [(4_000_000, 16), (8_000_000, 4)];
-/// Finalists of a thinned view whose beams are all cast: so many, or fewer where each casts more than so many rays.
-const WHOLE: usize = 3;
-const VERY_DEAR_RAYS: u64 = 150_000_000;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
 const APART: f64 = 0.03;
-
-/// How many evaluations there are, and of which kind.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub(crate) struct Plan {
-    pub seed: u64,
-    /// By the model: all of them.
-    pub evaluations: usize,
-    /// Of these, spread over the space.
-    pub spread: usize,
-    /// And in local searches before the correction.
-    pub local: usize,
-    /// Exact evaluations by which the model is corrected.
-    pub correcting: usize,
-    /// So many of these come before the first local search: where few are affordable, they keep it from going astray.
-    pub early: usize,
-    /// Exact evaluations of finalists, in two rounds.
-    pub finalists: usize,
-    /// Which part of the beams is cast until then, 1 in so many; all beams of the best finalists are.
-    pub thinning: u32,
-    /// So many of them, where beams are thinned.
-    pub whole: usize,
-}
-
-/// One in how many beams of rigs like this one is cast while searching.
-pub(super) fn thinning(cast: &CastSites, rig: &Rig) -> u32 {
-    let (most_rays, most) = THINNEST[usize::from(is_of_few_channels(rig))];
-    let rays = cast.rays(rig);
-    let mut thinning = 1;
-    while rays / u64::from(thinning) > most_rays && thinning < most {
-        thinning *= 2;
-    }
-    thinning
-}
-
-/// What casts the beams of rigs.
-pub(crate) struct Judges {
-    pub cast: CastSites,
-    /// With the beams that judge while searching, where these are not all.
-    pub thinned: Option<CastSites>,
-    /// One beam in so many is among them.
-    pub thinning: u32,
-}
-
-impl Judges {
-    fn while_searching(&self) -> &CastSites {
-        self.thinned.as_ref().unwrap_or(&self.cast)
-    }
-}
-
-impl Plan {
-    /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
-    pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
-        let (early, correcting, finalists) = match rays_of_whole / u64::from(thinning) {
-            rays if rays < CHEAP_RAYS => (0, 16, 18),
-            rays if rays < DEAR_RAYS => (4, 12, 10),
-            _ => (2, 6, 6),
-        };
-        Self {
-            seed,
-            evaluations,
-            spread: (evaluations / 4).clamp(1, 256),
-            local: evaluations * 11 / 20,
-            early,
-            correcting: correcting.min(evaluations),
-            finalists: finalists.min(evaluations),
-            thinning,
-            whole: if rays_of_whole > VERY_DEAR_RAYS { WHOLE - 1 } else { WHOLE },
-        }
-    }
-}
 
 /// A rig whose beams were cast.
 #[derive(Clone, Debug)]

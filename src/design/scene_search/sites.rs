@@ -1,6 +1,6 @@
 //! Where a search looks: the views of its sites and the coefficients of J over them.
 
-use super::search::{Judges, thinning};
+use super::plan::{Judges, thinning};
 use super::state_file::Asked;
 use super::weights::SceneWeights;
 use crate::rig::{Rig, Unit};

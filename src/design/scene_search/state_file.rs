@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::plan::Plan;
 use super::rig_space::RigSpace;
-use super::search::{Findings, Plan};
+use super::search::Findings;
 use super::weights::WeightRule;
 use crate::base::files;
 use crate::base::questions::first_difference;

@@ -91,6 +91,24 @@ impl Trajectory {
         }
         Self::new(stamped)
     }
+
+    /// The same walk with poses in between: the next one no later than so long after each, ns.
+    pub(crate) fn filled(&self, longest_ns: u64) -> Self {
+        let mut times_ns: Vec<u64> = Vec::new();
+        for pair in self.time_ns.windows(2) {
+            let span_ns = pair[1] - pair[0];
+            let parts = span_ns.div_ceil(longest_ns);
+            times_ns.extend(
+                (0..parts).map(|part| {
+                    pair[0] + (u128::from(span_ns) * u128::from(part) / u128::from(parts)) as u64
+                }),
+            );
+        }
+        let [_, end_ns] = self.time_span_ns();
+        times_ns.push(end_ns);
+        let world_from_body = times_ns.iter().filter_map(|time_ns| self.at(*time_ns)).collect();
+        Self { time_ns: times_ns, world_from_body }
+    }
 }
 
 #[cfg(test)]
@@ -133,5 +151,19 @@ mod tests {
         assert!(Trajectory::polyline(&CORNERS_M, 0.0, 1.0, 0).unwrap_err().to_string().contains("speed 0"));
         let broken = [DVec3::ZERO, DVec3::NAN];
         assert!(Trajectory::polyline(&broken, 1.0, 1.0, 0).unwrap_err().to_string().contains("corner 1"));
+    }
+
+    #[test]
+    fn a_filled_walk_is_the_same_walk_without_gaps() {
+        let walk = Trajectory::polyline(&CORNERS_M, 1.0, 1.0, 7).unwrap();
+        let filled = walk.filled(100_000_000);
+        assert!(filled.suspicions(&Default::default()).is_empty());
+        assert_eq!(filled.time_span_ns(), walk.time_span_ns());
+        assert!(walk.stamped().all(|(time_ns, pose)| filled.at(time_ns) == Some(pose)));
+        for time_ns in (7..walk.time_span_ns()[1]).step_by(33_333_333) {
+            let [a, b] = [&walk, &filled].map(|of| of.at(time_ns).unwrap());
+            assert!(a.translation_m.distance(b.translation_m) < 1e-9, "{time_ns}");
+            assert!(a.rotation.angle_between(b.rotation) < 1e-7, "{time_ns}");
+        }
     }
 }
