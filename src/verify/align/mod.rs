@@ -42,8 +42,8 @@ const MAPPED: usize = 400_000;
 /// Guesses that are refined; so far apart, m and rad.
 const REFINED: usize = 12;
 const GUESSES_APART: [f64; 2] = [1.0, 0.2];
-/// Placements nearer than this are one, m and rad.
-const APART: [f64; 2] = [0.3, 0.05];
+/// Placements nearer than this are one, m and rad: those of the two halves of a walk that odometry bent lie some degrees apart.
+const APART: [f64; 2] = [0.3, 0.1];
 /// Placements with a share so far below the best are not compared return by return.
 const FAR_BELOW: f64 = 0.1;
 /// A walk in another building fits to 0.6 (measured on ten pairs), in its own to 0.7 even with furniture moved.
@@ -53,6 +53,9 @@ const LEAST_INLIERS: f64 = 0.65;
 const MOST_SECOND: f64 = 0.35;
 const FITS_WELL: f64 = 0.85;
 const FITS_BADLY: f64 = 0.6;
+/// The best is sure all the same where it fits so many returns more than the second, as when odometry bent the rest of the walk:
+/// in another building these are 0.11 at most, of those that fit as many as is asked for (120 pairs).
+const SURE_LEAD: f64 = 0.25;
 /// Placements that look alike have hardly any return that fits one of them alone; those of another building, which fit badly,
 /// have many.
 const MOST_DIFFERENT: f64 = 0.08;
@@ -236,9 +239,10 @@ fn judged(target: &Target<'_>, returns: &[WalkReturn], candidates: Vec<Candidate
     let degenerate = translation.filter(|axes| axes.least() < DEGENERATE);
     let second_best = others.into_iter().next();
     let sureness = ((best.share - FITS_BADLY) / (FITS_WELL - FITS_BADLY)).clamp(0.0, 1.0);
-    let is_unclear = second_best
-        .as_ref()
-        .is_some_and(|other| other.only_second > MOST_SECOND * sureness * other.only_best);
+    let is_unclear = second_best.as_ref().is_some_and(|other| {
+        other.only_best - other.only_second < SURE_LEAD
+            && other.only_second > MOST_SECOND * sureness * other.only_best
+    });
     let answer = match () {
         () if best.share < LEAST_INLIERS => Answer::NotFound,
         () if differ && best.share < FITS_WELL => Answer::NotFound,

@@ -44,6 +44,8 @@ const LEAST_LAID: usize = 4000;
 const MAPPED: f64 = 0.5;
 /// Before the first sweep and after the last the body is assumed to go on as it did for so long, ns: two revolutions.
 const LONGEST_REST_NS: u64 = 200_000_000;
+/// Cells of the map, to each side, in which the surface of a return is looked for at most.
+const FARTHEST_CELLS: i32 = 3;
 /// Sweeps after which the map forgets what is out of reach.
 const FORGET_EVERY: usize = 16;
 
@@ -313,9 +315,7 @@ impl Odometry {
     fn follow(&mut self, sweep: &Sweep, last: &Pose, seconds: f64) -> Option<(Aligned, Pose)> {
         let map = self.map.as_ref()?;
         let predicted = *last * self.motion.over(seconds);
-        // until a third sweep has confirmed the motion, look farther around
-        let reach_cells = if self.poses.len() < 3 { 2 } else { 1 };
-        let kernel = Kernel { width_m: self.deviation.width_m(), reach_cells };
+        let kernel = self.deviation.kernel(map.voxel_m());
         let (mut guess, mut motion) = (predicted, self.motion);
         let mut found = None;
         let laid = laid_by(sweep, map.voxel_m());
@@ -359,6 +359,12 @@ impl Deviation {
     /// Standard deviation of what predictions were off by, m.
     fn width_m(&self) -> f64 {
         (self.squares / self.count).sqrt()
+    }
+
+    /// As wide as that; somebody who turns on the heel is looked for farther around than a vehicle.
+    fn kernel(&self, voxel_m: f64) -> Kernel {
+        let reach_cells = ((self.width_m() / voxel_m).ceil() as i32).clamp(1, FARTHEST_CELLS);
+        Kernel { width_m: self.width_m(), reach_cells }
     }
 
     /// Small ones say that the rig stood, not how far it may be off when it moves.

@@ -79,6 +79,25 @@ fn a_walk_on_an_arc_is_found() {
     }
 }
 
+/// Along a hallway, about on the heel within a second, and back: each turn begins and ends between two poses.
+#[test]
+fn a_turn_on_the_heel_in_a_hallway_is_followed() {
+    let hallway = BoxScene::closed(DVec3::new(-2.5, -0.7, 0.0), DVec3::new(3.0, 0.75, 2.6));
+    let (mut at_m, mut yaw_deg) = (DVec3::new(-1.2, 0.05, 1.3), 0.0_f64);
+    let mut stamped = Vec::new();
+    for step in 0..35_u64 {
+        let rotation = DQuat::from_rotation_z(yaw_deg.to_radians());
+        stamped.push((step * 100_000_000, Pose::new(rotation, at_m)));
+        match step {
+            10..20 => yaw_deg += 18.0,
+            _ => at_m += rotation * (0.12 * DVec3::X),
+        }
+    }
+    let truth = Trajectory::new(stamped).unwrap();
+    let [shift_m, turn_deg] = off(&walked("vlp-16", &[38.0, -38.0], hallway, &truth, 0.02), &truth);
+    assert!(shift_m < 0.1 && turn_deg < 2.0, "{shift_m:.4} m {turn_deg:.3} deg");
+}
+
 #[test]
 fn a_rig_that_stands_still_stays() {
     let here = Pose::from_translation(DVec3::new(0.3, 0.2, 1.4));
