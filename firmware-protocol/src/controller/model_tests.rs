@@ -91,6 +91,12 @@ struct Invariants {
 }
 
 impl Invariants {
+    /// Gears that lose play turn the shaft by half of it, past a limit where it stands at one.
+    fn lose_play(&mut self, bench: &mut Bench, axis: usize, before_urad: i32) {
+        let lost_urad = (before_urad - play_urad(bench, axis)).max(0);
+        self.slack_urad[axis] = self.slack_urad[axis].max(SLACK_URAD + lost_urad / 2);
+    }
+
     fn check(&mut self, bench: &mut Bench) -> Result<(), TestCaseError> {
         let (state, faults) = (bench.controller.state(), bench.controller.faults());
         let before = core::mem::replace(&mut self.state, state);
@@ -120,7 +126,7 @@ impl Invariants {
             return Ok(());
         }
         let since = *self.disarmed_since_us.get_or_insert(bench.now_us);
-        let play_urad = [0, 1].map(|axis| bench.controller.servo_mut(axis).unwrap().backlash_urad);
+        let play_urad = [0, 1].map(|axis| play_urad(bench, axis));
         // from full speed the gentlest profile stops within a second or, if slower, within what it was set to
         if bench.now_us - since < 1_500_000 || bench.controller.path.is_some() {
             (self.disarmed_at, self.play_urad) = (at, play_urad);
@@ -133,6 +139,10 @@ impl Invariants {
         }
         Ok(())
     }
+}
+
+fn play_urad(bench: &mut Bench, axis: usize) -> i32 {
+    bench.controller.servo_mut(axis).unwrap().backlash_urad
 }
 
 fn live(seed: u64, events: &[Event]) -> Result<bool, TestCaseError> {
@@ -164,12 +174,16 @@ fn live(seed: u64, events: &[Event]) -> Result<bool, TestCaseError> {
                 if *fault == AxisFault::EncoderFreeze {
                     invariants.slack_urad[*axis] = BLIND_URAD;
                 }
+                let before_urad = play_urad(&mut bench, *axis);
                 bench.inject(*axis, *fault);
+                invariants.lose_play(&mut bench, *axis, before_urad);
             }
             Event::Repair(axis) => {
-                let axis = bench.controller.servo_mut(*axis).unwrap();
-                axis.repair(1500);
-                axis.inject(AxisFault::Overheat(-100));
+                let before_urad = play_urad(&mut bench, *axis);
+                let servo = bench.controller.servo_mut(*axis).unwrap();
+                servo.repair(1500);
+                servo.inject(AxisFault::Overheat(-100));
+                invariants.lose_play(&mut bench, *axis, before_urad);
                 // a shaft that may turn again goes to its setpoint
                 invariants.disarmed_since_us = None;
             }
@@ -238,6 +252,22 @@ fn lost_play_is_no_motion() {
         run(1123),
         Event::Inject(1, AxisFault::Backlash(0)),
         Event::MakeReady,
+    ];
+    live(0, &events).unwrap();
+}
+
+#[test]
+fn lost_play_at_a_limit_is_no_motion() {
+    let events = [
+        Event::Inject(0, AxisFault::Backlash(32_143)),
+        Event::MakeReady,
+        Event::Order(Order::MovePair { a_urad: 1_043_744, b_urad: 0 }),
+        Event::MakeReady,
+        Event::Run { ms: 990, step_us: 300 },
+        Event::MakeReady,
+        Event::MakeReady,
+        Event::Repair(0),
+        Event::Run { ms: 1, step_us: 200 },
     ];
     live(0, &events).unwrap();
 }
