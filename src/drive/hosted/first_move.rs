@@ -107,19 +107,33 @@ impl<A: Actuators> Worker<A> {
     }
 
     /// Goes the first part of a move in steps and back again; an error where a shaft moved otherwise than ordered. Ends early,
-    /// to be tried again, when a reading stays away or a command to stop came.
+    /// to be tried again, when an axis is silent, which the state machine finds, or a command to stop came.
     pub(super) fn try_scale(&mut self, planned: PlannedMove) -> Result<(), LinkError> {
         self.go_in_steps(planned)?;
         // the state machine read nothing meanwhile: its next look is to find something, or that time counts as silence
+        self.hear_both()?;
+        Ok(())
+    }
+
+    /// Reads on until the latest answer of each axis is a reading; false where one stays away. On a busy machine an answer is late,
+    /// and the move is not to go on untried for that.
+    fn hear_both(&mut self) -> Result<bool, LinkError> {
         let end = Instant::now() + REST_WITHIN;
-        while self.readings_urad().contains(&None) && Instant::now() < end {
+        while self.readings_urad().contains(&None) {
+            if Instant::now() >= end {
+                return Ok(false);
+            }
+            std::thread::sleep(ROUND);
             self.listen(1)?;
         }
-        Ok(())
+        Ok(true)
     }
 
     fn go_in_steps(&mut self, planned: PlannedMove) -> Result<(), LinkError> {
         self.listen(0)?;
+        if !self.hear_both()? {
+            return Ok(());
+        }
         let before = Before { readings_urad: self.readings_urad(), witnesses: self.actuators.witnesses()? };
         let longest_urad = planned.travel_urad.map(i32::saturating_abs).into_iter().max().unwrap_or(0);
         let ordered_by = |share: f64| planned.travel_urad.map(|travel| (f64::from(travel) * share) as i32);
@@ -128,7 +142,7 @@ impl<A: Actuators> Worker<A> {
             let ordered_urad = ordered_by(*share);
             self.step_to(&planned, ordered_urad)?;
             self.watch_for(STEP, &before, ordered_urad)?;
-            if self.is_stop_ordered() || self.readings_urad().contains(&None) {
+            if self.is_stop_ordered() || !self.hear_both()? {
                 return Ok(());
             }
         }
