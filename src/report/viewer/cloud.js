@@ -433,22 +433,19 @@ class CloudView {
   }
 }
 
-// numbers of points (one or three each) in an order of which every beginning is a sample of all: by steps of the golden section
+// numbers of points (one or three each) in an order of which every beginning is a sample of all: by steps of the golden
+// section through the next power of two, without what lies past the end (an odd step meets each place once)
 function mixed(row, size) {
   const count = row.length / size;
   const out = new row.constructor(row.length);
-  let step = Math.max(1, Math.round(0.618 * count));
-  while (divisor(step, count) > 1) step++;
-  for (let to = 0, from = 0; to < row.length; to += size) {
-    for (let at = 0; at < size; at++) out[to + at] = row[size * from + at];
-    from += step;
-    if (from >= count) from -= count;
+  let places = 1;
+  while (places < count) places *= 2;
+  const step = Math.round(0.618034 * places) | 1;
+  for (let to = 0, from = 0; to < row.length; from = (from + step) % places) {
+    if (from >= count) continue;
+    for (let at = 0; at < size; at++) out[to++] = row[size * from + at];
   }
   return out;
-}
-
-function divisor(a, b) {
-  return b === 0 ? a : divisor(b, a % b);
 }
 
 // of two matrices by columns
