@@ -8,7 +8,7 @@ program=$(realpath "$1")
 work=$(mktemp -d)
 export SLURM_CONF=$work/slurm.conf
 host=$(hostname -s)
-study=(methods --quick --seeds "${SEEDS:-8}")
+study=(methods --quick --seeds "${SEEDS:-4}")
 shards=8
 
 stop() {

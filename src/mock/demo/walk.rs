@@ -90,7 +90,8 @@ fn walk_along(
     progress(Progress::Total(end_ns - start_ns));
     let at_ns: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(start_ns)).collect();
     let unplugged: Vec<AtomicBool> = devices.iter().map(|_| AtomicBool::new(false)).collect();
-    let clock = Clock::new(Pace::Rate(walk.rate), Some(start_ns));
+    // what a busy machine loses is no finding about the tool
+    let clock = Clock::new(Pace::Rate(walk.rate), Some(start_ns)).patient();
     std::thread::scope(|scope| {
         let mut running = Vec::new();
         for (index, (mut sensor, address)) in devices.into_iter().enumerate() {

@@ -11,6 +11,7 @@ mod plan;
 mod rays;
 mod returns;
 mod surface;
+mod track;
 mod upright;
 
 use std::str::FromStr;
@@ -30,6 +31,7 @@ use rays::{Refined, Refining, Target};
 use returns::evenly;
 pub use returns::{WalkReturn, walk_returns};
 use surface::{Patch, Surface, patches_of};
+pub use track::{Tracked, track};
 
 /// Fewer returns place nothing.
 const LEAST_RETURNS: usize = 1000;

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::base::geometry::Pose;
 use crate::rig::MountedSensor;
 use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::Trajectory;
@@ -22,6 +23,11 @@ pub struct WalkReturn {
 }
 
 impl WalkReturn {
+    pub(super) fn moved(&self, by: &Pose) -> Self {
+        let [origin_m, point_m] = [self.origin_m, self.point_m].map(|at_m| by.transform_point(at_m));
+        Self { origin_m, point_m, ..*self }
+    }
+
     pub(super) fn range_m(&self) -> f64 {
         self.origin_m.distance(self.point_m)
     }

@@ -124,24 +124,34 @@ fn another_building_is_refused() {
     assert!(found.words().contains("fits nowhere"), "{}", found.words());
 }
 
+/// A walk by odometry that is off by so much after a share of its time.
+fn bent(
+    (truth, scene_from_walk): (&Trajectory, &Pose),
+    returns: &[WalkReturn],
+    by: &dyn Fn(f64) -> Pose,
+) -> (Vec<WalkReturn>, Trajectory) {
+    let bent = |(time_ns, pose)| (time_ns, by(share_of(truth, time_ns)) * (scene_from_walk.inverse() * pose));
+    let own = Trajectory::new(truth.stamped().map(bent).collect()).unwrap();
+    // a sensor measures from where the body is
+    let seen = |of: &WalkReturn| {
+        let body_from_walk = truth.at(of.time_ns).unwrap().inverse() * *scene_from_walk;
+        of.moved(&(own.at(of.time_ns).unwrap() * body_from_walk))
+    };
+    let moved = returns.iter().map(seen).collect();
+    (moved, own)
+}
+
+fn share_of(walk: &Trajectory, time_ns: u64) -> f64 {
+    let [start_ns, end_ns] = walk.time_span_ns();
+    (time_ns - start_ns) as f64 / (end_ns - start_ns) as f64
+}
+
 #[test]
 fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
     let scene = boxes(&[ROOM, CUPBOARD]);
     let truth = bow([0.3, -0.2], 1.2);
     let (returns, start, scene_from_walk) = walked(&scene, &truth, 7);
-    let [start_ns, end_ns] = truth.time_span_ns();
-    let share = |time_ns: u64| (time_ns - start_ns) as f64 / (end_ns - start_ns) as f64;
-    let bent = |by: &dyn Fn(f64) -> Pose| -> (Vec<WalkReturn>, Trajectory) {
-        let own = truth
-            .stamped()
-            .map(|(time_ns, pose)| (time_ns, by(share(time_ns)) * (scene_from_walk.inverse() * pose)));
-        let moved = returns.iter().map(|of| {
-            let by = by(share(of.time_ns));
-            let [origin_m, point_m] = [of.origin_m, of.point_m].map(|at_m| by.transform_point(at_m));
-            WalkReturn { origin_m, point_m, ..*of }
-        });
-        (moved.collect(), Trajectory::new(own.collect()).unwrap())
-    };
+    let bent = |by: &dyn Fn(f64) -> Pose| bent((&truth, &scene_from_walk), &returns, by);
     let about = Pose::from_translation(start.translation_m);
     let drift = |share: f64| {
         about * Pose::new(DQuat::from_rotation_z(0.02 * share), 0.15 * share * DVec3::X) * about.inverse()
@@ -149,10 +159,10 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
     let (drifted, own) = bent(&drift);
     let placed = place(&drifted, &start, &scene, None).unwrap().placed().unwrap();
     let followed = follow(&drifted, &own, &scene, &placed).unwrap();
-    for (time_ns, pose) in followed.trajectory.stamped().filter(|(at, _)| (0.05..0.95).contains(&share(*at)))
-    {
+    let inside = |time_ns: u64| (0.05..0.95).contains(&share_of(&truth, time_ns));
+    for (time_ns, pose) in followed.trajectory.stamped().filter(|(at, _)| inside(*at)) {
         let [shift_m, turn_deg] = off(&pose, &truth.at(time_ns).unwrap(), &Pose::IDENTITY);
-        assert!(shift_m < 0.015 && turn_deg < 0.3, "{shift_m} m {turn_deg} deg at {}", share(time_ns));
+        assert!(shift_m < 0.015 && turn_deg < 0.3, "{shift_m} m {turn_deg} deg at {time_ns}");
     }
     assert!(followed.unsure == 0 && followed.drift_m > 0.05, "{followed:?}");
     let jump = |share: f64| match share > 0.75 {
@@ -162,4 +172,31 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
     let jumped = place(&bent(&jump).0, &start, &scene, None).unwrap();
     let misfit = jumped.misfit.unwrap();
     assert!((8.3..9.6).contains(&misfit.from_s) && misfit.to_s > 11.0, "{misfit:?}");
+}
+
+#[test]
+fn a_walk_whose_odometry_lost_its_way_twice_is_tracked_through_its_scene_and_through_no_other() {
+    let scene = boxes(&[ROOM, CUPBOARD]);
+    let truth = bow([0.3, -0.2], 1.2);
+    let (returns, start, scene_from_walk) = walked(&scene, &truth, 8);
+    let about = Pose::from_translation(start.translation_m);
+    let turned = |yaw_rad: f64, shift_m: DVec3| {
+        about * Pose::new(DQuat::from_rotation_z(yaw_rad), shift_m) * about.inverse()
+    };
+    let lost = |share: f64| match share {
+        ..0.35 => Pose::IDENTITY,
+        ..0.7 => turned(0.5, DVec3::new(0.9, 0.3, 0.0)),
+        _ => turned(-0.4, DVec3::new(0.1, -0.6, 0.0)),
+    };
+    let (returns, own) = bent((&truth, &scene_from_walk), &returns, &lost);
+    assert_eq!(place(&returns, &start, &scene, None).unwrap().answer, Answer::NotFound);
+    let tracked = track(&returns, &own, &scene, None).unwrap();
+    assert!(tracked.inlier_share > 0.95, "{}", tracked.inlier_share);
+    assert_eq!(tracked.trajectory.time_span_ns(), truth.time_span_ns());
+    for (time_ns, pose) in tracked.trajectory.stamped() {
+        let [shift_m, turn_deg] = off(&pose, &truth.at(time_ns).unwrap(), &Pose::IDENTITY);
+        assert!(shift_m < 0.03 && turn_deg < 1.0, "{shift_m} m {turn_deg} deg at {time_ns}");
+    }
+    let other = boxes(&[[[0.0, 0.0, 0.0], [11.0, 6.5, 3.2]], [[4.0, 0.0, 0.0], [4.2, 4.5, 3.2]]]);
+    assert!(track(&returns, &own, &other, None).is_none());
 }

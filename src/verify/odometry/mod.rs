@@ -94,14 +94,14 @@ impl Step {
 
 /// Constant velocity in the axes of the body.
 #[derive(Clone, Copy, Debug, Default)]
-struct Motion {
-    velocity_m_s: DVec3,
-    turn_rad_s: DVec3,
+pub(crate) struct Motion {
+    pub velocity_m_s: DVec3,
+    pub turn_rad_s: DVec3,
 }
 
 impl Motion {
     /// From one pose to another, as seen from the latter.
-    fn between(from: &Pose, to: &Pose, seconds: f64) -> Self {
+    pub(crate) fn between(from: &Pose, to: &Pose, seconds: f64) -> Self {
         let back = to.inverse() * *from;
         Self {
             velocity_m_s: -back.translation_m / seconds,
@@ -110,7 +110,7 @@ impl Motion {
     }
 
     /// Where the body is then, from where it is now.
-    fn over(&self, seconds: f64) -> Pose {
+    pub(crate) fn over(&self, seconds: f64) -> Pose {
         Pose::new(DQuat::from_scaled_axis(self.turn_rad_s * seconds), self.velocity_m_s * seconds)
     }
 

@@ -64,33 +64,12 @@ impl OdometryResult {
         spec: &OdometrySpec,
         keeps_rays: bool,
     ) -> Result<Self, WalkError> {
-        Self::of_sensors(recorded, spec, keeps_rays, |_| true)
-    }
-
-    /// The same by the frames of one of its sensors.
-    pub(super) fn of_sensor(
-        recorded: &MountedRecording,
-        spec: &OdometrySpec,
-        sensor: usize,
-    ) -> Result<Self, WalkError> {
-        Self::of_sensors(recorded, spec, true, |other| other == sensor)
-    }
-
-    fn of_sensors(
-        recorded: &MountedRecording,
-        spec: &OdometrySpec,
-        keeps_rays: bool,
-        is_used: impl Fn(usize) -> bool,
-    ) -> Result<Self, WalkError> {
         spec.check()?;
         let rig = &recorded.rig;
         let mut pass = spec.pass(rig.sensors.len());
         let (mut share, mut mounted) = (keeps_rays.then(|| Thinning::new(RAYS)), rig.sensors.clone());
         let mut summary = recorded.feed(&mut |mounted_frame| {
             mounted_frame.tell_model(&mut mounted);
-            if !is_used(mounted_frame.sensor) {
-                return;
-            }
             if let Some(share) = &mut share {
                 let pitch = mounted_frame.pitch_or(&rig.sensors[mounted_frame.sensor].mount);
                 share.add_frame(mounted_frame.sensor, mounted_frame.model, &pitch, 0, mounted_frame.frame);

@@ -7,11 +7,10 @@ use super::spec::WalkSiteSpec;
 use crate::base::geometry::Pose;
 use crate::recording::mounted::MountedRecording;
 use crate::recording::{RecordingError, read_trajectory};
-use crate::verify::align::Answer;
 use crate::verify::compare::RaySample;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
-use crate::world::trajectory::{Trajectory, suspicions};
+use crate::world::trajectory::Trajectory;
 
 /// A trajectory, and what odometry read of the recording.
 pub(super) enum Found {
@@ -89,13 +88,7 @@ pub(super) fn placed(
     match found {
         Found::Odometry(result) => {
             let walk = walk(&result.rays[..], &result.mounted[..], true);
-            let placed = in_scene(&walk, scene, origin, spec.near, spec.observer)?;
-            let is_jumping = || !suspicions(&result.walked.trajectory, "").is_empty();
-            if placed.alignment.answer != Answer::NotFound || result.mounted.len() < 2 || !is_jumping() {
-                return Ok(placed);
-            }
-            let alone = placed_alone(spec, recorded, (scene, origin), time_offset_ns)?;
-            Ok(alone.unwrap_or(placed))
+            in_scene(&walk, scene, origin, spec.near, spec.observer)
         }
         Found::Elsewhere(_) => {
             let sample = RaySample::of(recorded, RAYS)?;
@@ -103,41 +96,4 @@ pub(super) fn placed(
             in_scene(&walk, scene, origin, spec.near, spec.observer)
         }
     }
-}
-
-/// The same by odometry of one sensor, the first whose walk is placed: sensors that sit otherwise than is known pull the odometry of
-/// all to and fro.
-fn placed_alone(
-    spec: &WalkSiteSpec,
-    recorded: &MountedRecording,
-    (scene, origin): (&Scene, LocalOrigin),
-    time_offset_ns: i64,
-) -> Result<Option<Placed>, WalkError> {
-    for (sensor, mounted) in recorded.rig.sensors.iter().enumerate() {
-        let result = match OdometryResult::of_sensor(recorded, &spec.odometry, sensor) {
-            // too little of this one
-            Err(WalkError::Odometry(_)) => continue,
-            result => result?,
-        };
-        let walk = Walk {
-            trajectory: &result.walked.trajectory,
-            rays: &result.rays,
-            sensors: &result.mounted,
-            time_offset_ns,
-            drifts: true,
-        };
-        let mut placed = in_scene(&walk, scene, origin, spec.near, spec.observer)?;
-        if placed.trajectory.is_some() {
-            placed.notices.insert(
-                0,
-                format!(
-                    "odometry of all sensors jumps and fits nowhere in the scene, that of {} alone fits: the sensors may sit \
-                     otherwise than the mount file says",
-                    mounted.name
-                ),
-            );
-            return Ok(Some(placed));
-        }
-    }
-    Ok(None)
 }

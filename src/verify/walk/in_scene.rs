@@ -1,9 +1,10 @@
 //! A walk with a trajectory in a frame of its own, placed in a scene.
 
 use super::error::WalkError;
+use crate::base::geometry::Pose;
 use crate::recording::Observer;
 use crate::rig::MountedSensor;
-use crate::verify::align::{Alignment, Hint, follow, place, walk_returns};
+use crate::verify::align::{Alignment, Answer, Hint, WalkReturn, follow, place, track, walk_returns};
 use crate::verify::compare::RecordedRay;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -52,27 +53,48 @@ pub(crate) fn in_scene(
     let (_, start) = walk.trajectory.stamped().next().ok_or(TrajectoryError::Empty)?;
     let hint = near.map(|hint| Hint { at_m: hint.at_m - origin.world_m().truncate(), ..hint });
     let found = place(&returns, &start, scene, hint)?;
+    drop(stage);
+    if walk.drifts && found.answer == Answer::NotFound {
+        let _stage = (observer.stage)("tracking the walk through the scene");
+        if let Some(tracked) = track(&returns, walk.trajectory, scene, hint) {
+            let alignment = tracked.alignment.moved(origin.world_m());
+            let mut notices = vec![alignment.words(), tracked.words()];
+            let returns = walk_returns(&rays, walk.sensors, &tracked.trajectory);
+            let trajectory = followed(&returns, &tracked.trajectory, scene, &Pose::IDENTITY, &mut notices)?;
+            return Ok(Placed { alignment, trajectory: Some(trajectory), notices });
+        }
+    }
     let alignment = found.moved(origin.world_m());
     let mut notices: Vec<String> = alignment.doubt().into_iter().collect();
     let Some(scene_from_walk) = found.placed() else {
         return Ok(Placed { alignment, trajectory: None, notices });
     };
     notices.insert(0, alignment.words());
-    drop(stage);
     let trajectory = if walk.drifts {
         let _stage = (observer.stage)("laying the walk against the scene, piece by piece");
-        let followed = follow(&returns, walk.trajectory, scene, &scene_from_walk)?;
-        notices.push(format!("drift corrected by the scene: up to {:.3} m", followed.drift_m));
-        if followed.unsure as f64 > UNSURE * followed.pieces as f64 {
-            notices.push(format!(
-                "{} of {} pieces of the walk fit the scene too badly to be corrected",
-                followed.unsure, followed.pieces
-            ));
-        }
-        followed.trajectory
+        followed(&returns, walk.trajectory, scene, &scene_from_walk, &mut notices)?
     } else {
         let placed = walk.trajectory.stamped().map(|(time_ns, pose)| (time_ns, scene_from_walk * pose));
         Trajectory::new(placed.collect())?
     };
     Ok(Placed { alignment, trajectory: Some(trajectory), notices })
+}
+
+/// Laid against the scene piece by piece.
+fn followed(
+    returns: &[WalkReturn],
+    trajectory: &Trajectory,
+    scene: &Scene,
+    scene_from_walk: &Pose,
+    notices: &mut Vec<String>,
+) -> Result<Trajectory, TrajectoryError> {
+    let followed = follow(returns, trajectory, scene, scene_from_walk)?;
+    notices.push(format!("drift corrected by the scene: up to {:.3} m", followed.drift_m));
+    if followed.unsure as f64 > UNSURE * followed.pieces as f64 {
+        notices.push(format!(
+            "{} of {} pieces of the walk fit the scene too badly to be corrected",
+            followed.unsure, followed.pieces
+        ));
+    }
+    Ok(followed.trajectory)
 }

@@ -4,14 +4,16 @@
 //! A ray makes the cells that it crosses free and the cell in which it ends occupied. A cell that was hit often enough
 //! is occupied however many rays grazed it: far floor is crossed at a small angle by every ray that ends behind it.
 
+mod cell_walk;
 mod strays;
 
+use cell_walk::CellWalk;
 pub use strays::Strays;
 
 use glam::DVec3;
 
 use super::Hit;
-use super::bricks::{BrickIndex, CELLS, EDGE, LastRegion, cell_of, split};
+use super::bricks::{BrickIndex, CELLS, LastRegion, cell_of, split};
 
 /// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -203,23 +205,21 @@ impl VoxelMap {
     /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
     /// occupied cell hits it.
     pub(crate) fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
-        self.first_occupied::<true>(origin_m, direction, |_| ())
+        self.first_occupied::<true>(origin_m, direction, |_| true)
     }
 
     /// Whether the map does not know where a ray ends: it crosses an unknown cell before it hits something, or leaves
     /// [`VoxelMap::bounds_m`] without a hit.
     pub(crate) fn is_unknown(&self, origin_m: DVec3, direction: DVec3) -> bool {
-        let mut unknown = false;
-        let hit = self.first_occupied::<false>(origin_m, direction, |cell| unknown |= cell == Cell::Unknown);
-        unknown || hit.is_none()
+        self.first_occupied::<false>(origin_m, direction, |cell| cell == Cell::Free).is_none()
     }
 
-    /// `crossed` is called with the state of every cell before that one, or, where air is skipped, with some of them.
+    /// None, too, from where `goes_on` says so: it is asked about every cell before that one, or, where air is skipped, some of them.
     fn first_occupied<const SKIPS_AIR: bool>(
         &self,
         origin_m: DVec3,
         direction: DVec3,
-        mut crossed: impl FnMut(Cell),
+        goes_on: impl Fn(Cell) -> bool,
     ) -> Option<Hit> {
         let (enter_m, leave_m) = clip(origin_m, direction, self.bounds_m())?;
         // a hair inside, so that the first cell lies within the bounds
@@ -232,7 +232,7 @@ impl VoxelMap {
         let mut axis = direction.abs().max_position();
         while entered_m <= length_m {
             let (brick, inside) = split(walk.cell);
-            let brick = self.index.find_near(brick, &mut last).map(|number| &self.bricks[number as usize]);
+            let brick = self.brick_near(brick, &mut last);
             if SKIPS_AIR && brick.is_none_or(|brick| brick.ends.is_none()) {
                 (entered_m, axis) = walk.leave_brick();
                 continue;
@@ -250,7 +250,9 @@ impl VoxelMap {
                 let distance_m = enter_m + along_m.clamp(low_m, left_m - hair_m);
                 return Some(Hit { distance_m, normal });
             }
-            crossed(state);
+            if !goes_on(state) {
+                return None;
+            }
             (entered_m, axis) = walk.step();
         }
         None
@@ -340,8 +342,11 @@ impl VoxelMap {
 
     fn state(&self, cell: [i32; 3], last: &mut LastRegion) -> Cell {
         let (brick, inside) = split(cell);
-        let number = self.index.find_near(brick, last);
-        number.map_or(Cell::Unknown, |number| self.bricks[number as usize].state(inside, self.least_hits))
+        self.brick_near(brick, last).map_or(Cell::Unknown, |brick| brick.state(inside, self.least_hits))
+    }
+
+    fn brick_near(&self, brick: [i32; 3], last: &mut LastRegion) -> Option<&Brick> {
+        self.index.find_near(brick, last).map(|number| &self.bricks[number as usize])
     }
 
     fn mean_m(&self, cell: [i32; 3]) -> Option<DVec3> {
@@ -368,107 +373,6 @@ impl Brick {
             (false, _) => Cell::Unknown,
         }
     }
-}
-
-/// Cells along a ray, one face at a time (Amanatides and Woo 1987, doi:10.2312/egtp.19871000).
-struct CellWalk {
-    cell: [i32; 3],
-    step: [i32; 3],
-    /// Distance to the first face of each axis, m.
-    first_m: [f64; 3],
-    /// Distance between two faces of each axis, m; 0 along an axis without any.
-    between_m: [f64; 3],
-    /// Faces of each axis that lie behind.
-    passed: [f64; 3],
-    /// Distance to the next face of each axis, m.
-    to_face_m: [f64; 3],
-}
-
-impl CellWalk {
-    fn new(from_m: DVec3, direction: DVec3, voxel_m: f64) -> Self {
-        let cell = cell_of(from_m, 1.0 / voxel_m);
-        let (mut step, mut first_m, mut between_m) = ([0; 3], [f64::INFINITY; 3], [0.0; 3]);
-        for axis in 0..3 {
-            let slope = direction[axis];
-            if slope == 0.0 {
-                continue;
-            }
-            let face = f64::from(cell[axis]) + f64::from(u8::from(slope > 0.0));
-            step[axis] = if slope > 0.0 { 1 } else { -1 };
-            first_m[axis] = ((face * voxel_m - from_m[axis]) / slope).max(0.0);
-            between_m[axis] = voxel_m / slope.abs();
-        }
-        Self { cell, step, first_m, between_m, passed: [0.0; 3], to_face_m: first_m }
-    }
-
-    /// Distance to where the ray leaves the cell, m.
-    fn next_m(&self) -> f64 {
-        self.to_face_m[0].min(self.to_face_m[1]).min(self.to_face_m[2])
-    }
-
-    /// On to the next cell: distance to it, m, and the axis of the face.
-    #[inline]
-    fn step(&mut self) -> (f64, usize) {
-        let axis = nearest(self.to_face_m);
-        let walked_m = self.to_face_m[axis];
-        // which axis is next cannot be foretold: no jumps
-        for of in 0..3 {
-            self.pass(of, i32::from(of == axis));
-        }
-        (walked_m, axis)
-    }
-
-    /// On to the first cell outside the brick, as by one step after the other.
-    fn leave_brick(&mut self) -> (f64, usize) {
-        let within = [0, 1, 2].map(|axis| {
-            let inside = self.cell[axis] & (EDGE - 1);
-            if self.step[axis] > 0 { EDGE - 1 - inside } else { inside }
-        });
-        let after_m = |axis: usize, faces: i32| {
-            self.first_m[axis] + (self.passed[axis] + f64::from(faces)) * self.between_m[axis]
-        };
-        let out_m = [0, 1, 2].map(|axis| after_m(axis, within[axis]));
-        let axis = nearest(out_m);
-        let walked_m = out_m[axis];
-        let faces = [0, 1, 2].map(|of| {
-            if of == axis {
-                return within[axis] + 1;
-            }
-            let is_before = |faces| {
-                let face_m = after_m(of, faces);
-                face_m < walked_m || (face_m == walked_m && of < axis)
-            };
-            // nearly that many; a rounded quotient is one off at most faces
-            let about = ((walked_m - self.to_face_m[of]) / self.between_m[of]) as i32;
-            let mut faces = about.clamp(0, within[of]);
-            while faces > 0 && !is_before(faces - 1) {
-                faces -= 1;
-            }
-            while faces < within[of] && is_before(faces) {
-                faces += 1;
-            }
-            faces
-        });
-        for (of, faces) in faces.into_iter().enumerate() {
-            self.pass(of, faces);
-        }
-        (walked_m, axis)
-    }
-
-    #[inline]
-    fn pass(&mut self, axis: usize, faces: i32) {
-        self.cell[axis] = self.cell[axis].saturating_add(faces * self.step[axis]);
-        self.passed[axis] += f64::from(faces);
-        self.to_face_m[axis] = self.first_m[axis] + self.passed[axis] * self.between_m[axis];
-    }
-}
-
-/// Axis of the nearest of three faces, the first of equals.
-#[inline]
-fn nearest(face_m: [f64; 3]) -> usize {
-    let x = face_m[0] <= face_m[1] && face_m[0] <= face_m[2];
-    let y = face_m[1] <= face_m[2];
-    if x { 0 } else { 2 - usize::from(y) }
 }
 
 /// Part of a ray inside a box: distances at which it enters and leaves, m.
