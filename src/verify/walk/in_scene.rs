@@ -54,7 +54,12 @@ pub(crate) fn in_scene(
     let hint = near.map(|hint| Hint { at_m: hint.at_m - origin.world_m().truncate(), ..hint });
     let found = place(&returns, &start, scene, hint)?;
     drop(stage);
-    if walk.drifts && found.answer == Answer::NotFound {
+    let is_bent = match found.answer {
+        Answer::Placed => found.misfit.is_some(),
+        Answer::NotFound => true,
+        Answer::Ambiguous | Answer::Slides => false,
+    };
+    if walk.drifts && is_bent {
         let _stage = (observer.stage)("tracking the walk through the scene");
         if let Some(tracked) = track(&returns, walk.trajectory, scene, hint) {
             let alignment = tracked.alignment.moved(origin.world_m());
