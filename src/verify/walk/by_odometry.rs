@@ -148,7 +148,7 @@ impl OdometryResult {
         let mut remarks = self.losses.clone();
         remarks.extend(self.walked.problems.iter().cloned());
         remarks.extend(self.walked.open_direction());
-        remarks.extend(suspicions(&self.walked.trajectory, "trajectory found"));
+        remarks.extend(suspicions(&self.walked.trajectory, "trajectory by odometry"));
         remarks
     }
 }

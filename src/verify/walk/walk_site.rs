@@ -44,8 +44,9 @@ impl WalkSite {
         let is_odometry = matches!(found, Found::Odometry(_));
         let trajectory = found.trajectory();
         let time_offset_ns = time_offset_ns(spec.time_offset, recorded, trajectory)?;
-        // a rig that stands has no poses to miss
-        if spec.trajectory.as_ref().is_none_or(|path| path.as_os_str() != "still") {
+        // a rig that stands has no poses to miss, and odometry has its own remarks
+        let is_still = spec.trajectory.as_ref().is_some_and(|path| path.as_os_str() == "still");
+        if !is_still && !is_odometry {
             notices.extend(suspicions(trajectory, "trajectory"));
         }
         let mapped = spec.map_of.as_ref().map_or(0..0, |(frames, _)| frames.clone());
