@@ -175,7 +175,7 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
 }
 
 #[test]
-fn a_walk_whose_odometry_jumps_twice_is_tracked_through_its_scene_and_through_no_other() {
+fn a_walk_by_odometry_that_jumps_is_tracked_through_its_scene_and_through_no_other() {
     let scene = boxes(&[ROOM, CUPBOARD]);
     let truth = bow([0.3, -0.2], 1.2);
     let (returns, start, scene_from_walk) = walked(&scene, &truth, 8);
