@@ -2,8 +2,10 @@
 
 pub mod datagram;
 mod document;
+mod pulse;
 pub mod walk;
 
+use std::panic::{catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitCode};
 use std::sync::{Arc, Mutex};
@@ -83,10 +85,26 @@ pub fn delete_under(child: &Child, folder: &Path) {
     kill(pid, Signal::SIGCONT).unwrap();
 }
 
+/// Runs a case; one that failed while the machine stood still runs again, twice at most, and it is said.
+fn repeated_where_the_machine_stood_still(name: &str, run: fn()) {
+    for repetition in 1..=2 {
+        let start = Instant::now();
+        let Err(panic) = catch_unwind(run) else { return };
+        let Some(stood) = pulse::stood_still_since(start) else { resume_unwind(panic) };
+        eprintln!(
+            "REPEATED ({repetition}): {name} failed while the machine stood still for {} ms",
+            stood.as_millis()
+        );
+    }
+    run();
+}
+
 /// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case follow on
 /// stderr, longest first (a name that is none of the program's: reports tell what those hold).
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let mut arguments = Arguments::from_args();
+    let begun = Instant::now();
+    pulse::watch();
     // a case waits for devices and for its child processes for a third of its time
     arguments.test_threads.get_or_insert(std::thread::available_parallelism().map_or(1, usize::from) + 1);
     let mut left_out = Vec::new();
@@ -102,7 +120,7 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
             let (run, times_s, timed) = (case.run, times_s.clone(), name.clone());
             let trial = Trial::test(name, move || {
                 let start = Instant::now();
-                run();
+                repeated_where_the_machine_stood_still(&timed, run);
                 times_s.lock().expect("held for a push only").push((start.elapsed().as_secs_f64(), timed));
                 Ok(())
             });
@@ -112,6 +130,9 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     // one of each module in turn: cases that compute run beside cases that wait
     trials.sort_by_key(|(turn, _)| *turn);
     let conclusion = libtest_mimic::run(&arguments, trials.into_iter().map(|(_, trial)| trial).collect());
+    if let Some(stood) = pulse::stood_still_since(begun) {
+        eprintln!("the machine stood still for up to {} ms", stood.as_millis());
+    }
     if std::env::var_os("CASE_TIMES").is_some() {
         let mut times_s = times_s.lock().expect("every case has ended");
         times_s.sort_by(|a, b| b.0.total_cmp(&a.0));
