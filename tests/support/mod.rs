@@ -85,7 +85,7 @@ pub fn delete_under(child: &Child, folder: &Path) {
     kill(pid, Signal::SIGCONT).unwrap();
 }
 
-/// Runs a case; one that failed while the machine stood still runs again, twice at most, and it is said.
+/// Runs a case; one that failed while the machine stood still runs again, twice at most, and is named.
 fn repeated_where_the_machine_stood_still(name: &str, run: fn()) {
     for repetition in 1..=2 {
         let start = Instant::now();

@@ -6,7 +6,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 const BEAT: Duration = Duration::from_millis(5);
-/// Later than this nothing in real time can be promised: servos are asked every 10 ms.
+/// Later than this nothing runs in real time: servos are asked every 10 ms.
 const STANDS_STILL: Duration = Duration::from_millis(25);
 
 /// When the machine had stood still, and for how long.
