@@ -12,7 +12,7 @@ use outrigger::base::geometry::Pose;
 use outrigger::base::rng::Rng;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::rig::{Mount, MountFile, MountedSensor, SensorEntry};
-use outrigger::verify::align::{Alignment, Answer, place, track, walk_returns};
+use outrigger::verify::align::{Alignment, Answer, Target, place, track, walk_returns};
 use outrigger::verify::compare::RecordedRay;
 use outrigger::world::scene::{Scene, load_mesh};
 use outrigger::world::trajectory::Trajectory;
@@ -166,7 +166,7 @@ fn off(found: &Pose, best: &Pose, own: &Trajectory) -> [f64; 2] {
 
 fn aligned(scene: &Scene, rays: &[RecordedRay], sensors: &[MountedSensor], own: &Trajectory) -> Alignment {
     let (_, start) = own.stamped().next().unwrap();
-    place(&walk_returns(rays, sensors, own), &start, scene, None).unwrap()
+    place(&walk_returns(rays, sensors, own), &start, &Target::of(scene), None).unwrap()
 }
 
 pub fn walks() -> u64 {
@@ -285,7 +285,7 @@ pub fn walks_in_another_building_are_refused() {
                 let found = aligned(scene, &rays, &sensors, &own);
                 let best = found.best.as_ref().map_or(0.0, |best| best.inlier_share);
                 let second = found.second_best.as_ref().map(|s| (s.only_best, s.only_second, s.z));
-                let tracked = track(&walk_returns(&rays, &sensors, &own), &own, scene, None);
+                let tracked = track(&walk_returns(&rays, &sensors, &own), &own, &Target::of(scene), None);
                 let tracked = tracked.map(|tracked| tracked.inlier_share);
                 println!(
                     "{} in {}: {:?} {best:.3} {second:?}, tracked {tracked:?}",

@@ -9,7 +9,7 @@ use super::{Case, Measured};
 use crate::base::geometry::Pose;
 use crate::base::rng::Rng;
 use crate::study::StudyError;
-use crate::verify::align::{Alignment, Answer, place, walk_returns};
+use crate::verify::align::{Alignment, Answer, Target, place, walk_returns};
 use crate::world::scene::{BoxScene, Mesh, Scene};
 use crate::world::trajectory::Trajectory;
 
@@ -78,7 +78,7 @@ fn placed(recorded_in: &Scene, scene: &Scene, truth: &Trajectory) -> Result<(Ali
     let returns = walk_returns(&sampled.sampled, &sampled.sensors, &own);
     let first = |walk: &Trajectory| walk.stamped().next().map_or(Pose::IDENTITY, |(_, pose)| pose);
     let (start, begin) = (first(&own), first(truth));
-    let found = place(&returns, &start, scene, None).map_err(StudyError::of)?;
+    let found = place(&returns, &start, &Target::of(scene), None).map_err(StudyError::of)?;
     let off_m = found.best.as_ref().map_or(f64::INFINITY, |best| {
         (best.scene_from_walk * start).translation_m.distance(begin.translation_m)
     });

@@ -3,12 +3,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::rays::{Refining, Target, middle_m};
+use super::rays::{Refining, middle_m};
 use super::returns::{WalkReturn, evenly};
 use super::share;
-use super::surface::Surface;
+use super::surface::Target;
 use crate::base::geometry::Pose;
-use crate::world::scene::Scene;
 use crate::world::trajectory::{Trajectory, TrajectoryError};
 
 /// Time between two corrections, ns, and of the returns that one stands on.
@@ -46,12 +45,10 @@ pub(crate) struct Followed {
 pub(crate) fn follow(
     returns: &[WalkReturn],
     trajectory: &Trajectory,
-    scene: &Scene,
+    target: &Target<'_>,
     scene_from_walk: &Pose,
 ) -> Result<Followed, TrajectoryError> {
-    let surface = Surface::of(scene);
-    let target = Target { scene, map: &surface.map };
-    let pieces = pieces(&target, returns, STEP_NS, scene_from_walk);
+    let pieces = pieces(target, returns, STEP_NS, scene_from_walk);
     let [start_ns, end_ns] = trajectory.time_span_ns();
     let unsure = pieces.iter().filter(|piece| !piece.is_sure).count();
     let mut found: Vec<(u64, Pose)> =

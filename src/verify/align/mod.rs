@@ -23,14 +23,14 @@ use crate::base::geometry::Pose;
 use crate::base::statistics::{mean_and_deviation, median};
 use crate::design::registration::DEGENERATE;
 use crate::verify::odometry::{Kernel, Memory, PointMap, align_points};
-use crate::world::scene::Scene;
 
 pub(crate) use drift::follow;
 pub use placement::{Alignment, Answer, Deviation, Misfit, Placement, SecondBest};
-use rays::{Refined, Refining, Target};
+use rays::{Refined, Refining};
 use returns::evenly;
 pub use returns::{WalkReturn, walk_returns};
-use surface::{Patch, Surface, patches_of};
+pub use surface::Target;
+use surface::{Patch, patches_of};
 pub use track::{Tracked, track};
 
 /// Fewer returns place nothing.
@@ -114,17 +114,15 @@ pub enum AlignError {
 pub fn place(
     returns: &[WalkReturn],
     start: &Pose,
-    scene: &Scene,
+    target: &Target<'_>,
     hint: Option<Hint>,
 ) -> Result<Alignment, AlignError> {
     let Some(middle_m) = rays::middle_m(returns).filter(|_| returns.len() >= LEAST_RETURNS) else {
         return Err(AlignError::TooFew { found: returns.len() });
     };
-    let surface = Surface::of(scene);
-    let target = Target { scene, map: &surface.map };
-    let guesses = guesses(returns, middle_m, start, scene, &surface.patches, hint);
-    let candidates = candidates(&target, returns, middle_m, &guesses);
-    Ok(judged(&target, returns, candidates))
+    let guesses = guesses(returns, middle_m, start, target, hint);
+    let candidates = candidates(target, returns, middle_m, &guesses);
+    Ok(judged(target, returns, candidates))
 }
 
 /// A placement with what was found out about it.
@@ -139,16 +137,15 @@ fn guesses(
     returns: &[WalkReturn],
     middle_m: DVec3,
     start: &Pose,
-    scene: &Scene,
-    patches: &[Patch],
+    target: &Target<'_>,
     hint: Option<Hint>,
 ) -> Vec<Pose> {
     let points_m: Vec<DVec3> = evenly(returns, MAPPED).iter().map(|of| of.point_m).collect();
     let walk = patches_of(&points_m);
     let upright = upright::upright_from_walk(&walk).unwrap_or(DQuat::IDENTITY);
     let walk: Vec<Patch> = walk.iter().map(|patch| patch.turned(upright, middle_m)).collect();
-    let bounds_m = scene.bounds_m();
-    let heights_m = upright::heights_m(&walk, patches, bounds_m.map(|corner| corner.z));
+    let bounds_m = target.scene.bounds_m();
+    let heights_m = upright::heights_m(&walk, &target.patches, bounds_m.map(|corner| corner.z));
     let start_m = (upright * (start.translation_m - middle_m)).truncate();
     let ahead = (upright * start.rotation * DVec3::X).truncate();
     let is_allowed = |at_m: DVec2, yaw_rad: f64| {
@@ -159,7 +156,7 @@ fn guesses(
             is_near && hint.yaw_rad.is_none_or(heads)
         })
     };
-    let found = plan::guesses(&walk, patches, &heights_m, bounds_m, &is_allowed);
+    let found = plan::guesses(&walk, &target.patches, &heights_m, bounds_m, &is_allowed);
     let pose = |guess: &plan::Guess| {
         let rotation = DQuat::from_rotation_z(guess.yaw_rad) * upright;
         Pose::new(rotation, guess.at_m - rotation * middle_m)
@@ -187,7 +184,7 @@ fn candidates(
     }
     let laid = evenly(returns, LAID);
     let refine = |guess: &Pose| {
-        let laid = laid_on(target.map, &laid, middle_m, guess);
+        let laid = laid_on(&target.map, &laid, middle_m, guess);
         let refined = target.refine(&laid, &few, &Refining::FROM_FAR)?;
         let share = share(&target.fits(&refined.pose, &few));
         Some((share, refined.pose))

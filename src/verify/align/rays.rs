@@ -5,10 +5,10 @@ use nalgebra::{Cholesky, Matrix6, Vector6};
 use rayon::prelude::*;
 
 use super::returns::WalkReturn;
+use super::surface::Target;
 use crate::base::geometry::Pose;
 use crate::base::statistics::robust_deviation;
 use crate::design::registration::Information;
-use crate::verify::odometry::PointMap;
 use crate::world::scene::Scene;
 
 /// Returns of one piece of parallel work: pieces are added in order, so that the outcome does not hang on threads.
@@ -41,14 +41,6 @@ const LEAST_MET: usize = 30;
 /// Blocks of the walk; their scatter gives the uncertainty of the result.
 const BLOCKS: usize = 20;
 
-/// What is searched and laid against.
-#[derive(Clone, Copy)]
-pub(super) struct Target<'a> {
-    pub scene: &'a Scene,
-    /// Planes through its points.
-    pub map: &'a PointMap,
-}
-
 /// A return and the first surface on its ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Met {
@@ -77,7 +69,7 @@ impl Met {
 
 impl Target<'_> {
     /// Every return at a placement; none where its ray meets nothing.
-    pub(crate) fn meet(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<Option<Met>> {
+    pub(super) fn meet(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<Option<Met>> {
         let pieces: Vec<Vec<Option<Met>>> =
             returns.par_chunks(PIECE).map(|piece| self.meet_piece(placement, piece)).collect();
         pieces.into_iter().flatten().collect()
@@ -111,13 +103,13 @@ impl Target<'_> {
     }
 
     /// Which returns fit at a placement.
-    pub(crate) fn fits(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<bool> {
+    pub(super) fn fits(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<bool> {
         let met = self.meet(placement, returns);
         met.iter().map(|met| met.as_ref().is_some_and(Met::fits)).collect()
     }
 
     /// Share of the returns that fit a placement that is not refined yet.
-    pub(crate) fn coarse_share(&self, placement: &Pose, returns: &[WalkReturn]) -> f64 {
+    pub(super) fn coarse_share(&self, placement: &Pose, returns: &[WalkReturn]) -> f64 {
         let met = self.meet(placement, returns);
         let fits = |(met, of): (&Option<Met>, &WalkReturn)| {
             met.as_ref().is_some_and(|met| met.fits_coarsely(of.range_m()))
@@ -127,7 +119,7 @@ impl Target<'_> {
 
     /// The placement at which the returns lie best on the surfaces that they meet, from a guess near it; none where too few
     /// meet any.
-    pub(crate) fn refine(
+    pub(super) fn refine(
         &self,
         guess: &Pose,
         returns: &[WalkReturn],

@@ -70,18 +70,19 @@ pub(super) fn patches_of(points_m: &[DVec3]) -> Vec<Patch> {
 }
 
 /// A scene, ready to be searched and laid against.
-pub(super) struct Surface {
-    pub patches: Vec<Patch>,
-    /// The same as points with the planes through them.
-    pub map: PointMap,
+pub struct Target<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) patches: Vec<Patch>,
+    /// Planes through the same points.
+    pub(super) map: PointMap,
 }
 
 /// Edge of the map's cells, m.
 const MAP_CELL_M: f64 = 0.25;
 
-impl Surface {
-    /// Of the whole scene.
-    pub(crate) fn of(scene: &Scene) -> Self {
+impl<'a> Target<'a> {
+    /// Samples the whole scene.
+    pub fn of(scene: &'a Scene) -> Self {
         let sampled = |points: Vec<(DVec3, DVec3)>| -> Vec<Patch> {
             points.into_iter().map(|(at_m, normal)| Patch { at_m, normal: Some(normal) }).collect()
         };
@@ -97,6 +98,6 @@ impl Surface {
         };
         let mut map = PointMap::new(MAP_CELL_M);
         map.add(&points_m, &Pose::IDENTITY);
-        Self { patches, map }
+        Self { scene, patches, map }
     }
 }

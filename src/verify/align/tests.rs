@@ -3,6 +3,7 @@ use std::sync::Arc;
 use super::*;
 use crate::base::rng::Rng;
 use crate::rig::Mount;
+use crate::world::scene::Scene;
 use crate::world::scene::{BoxScene, Mesh};
 use crate::world::trajectory::Trajectory;
 
@@ -73,19 +74,19 @@ fn empty_rooms_are_ambiguous_and_a_hint_or_a_cupboard_decides() {
     for (room, count) in [(ROOM, 2), (SQUARE, 4)] {
         let scene = boxes(&[room]);
         let (returns, start, truth) = walked(&scene, &bow([0.3, -0.2], 1.2), count as u64);
-        let found = place(&returns, &start, &scene, None).unwrap();
+        let found = place(&returns, &start, &Target::of(&scene), None).unwrap();
         assert_eq!((found.answer, found.placements.len()), (Answer::Ambiguous, count), "{found:?}");
         assert!(found.words().contains("--align-near"), "{}", found.words());
         let begin = truth * start;
         let (yaw, ..) = begin.rotation.to_euler(glam::EulerRot::ZYX);
         let hint = Hint { at_m: begin.translation_m.truncate() + 0.4, yaw_rad: Some(yaw + 0.3) };
-        is_right(&place(&returns, &start, &scene, Some(hint)).unwrap(), &truth, &start);
+        is_right(&place(&returns, &start, &Target::of(&scene), Some(hint)).unwrap(), &truth, &start);
     }
     let scene = boxes(&[ROOM, CUPBOARD]);
     let (returns, start, truth) = walked(&scene, &bow([0.3, -0.2], 1.2), 9);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| place(&returns, &start, &scene, None).unwrap())
+        pool.install(|| place(&returns, &start, &Target::of(&scene), None).unwrap())
     };
     let found = on(1);
     is_right(&found, &truth, &start);
@@ -98,7 +99,7 @@ fn empty_rooms_are_ambiguous_and_a_hint_or_a_cupboard_decides() {
 fn a_box_scene_is_as_good_as_a_mesh() {
     let scene = Scene::Box(BoxScene::closed(ROOM[0].into(), ROOM[1].into()));
     let (returns, start, _) = walked(&scene, &bow([0.3, -0.2], 1.2), 4);
-    let found = place(&returns, &start, &scene, None).unwrap();
+    let found = place(&returns, &start, &Target::of(&scene), None).unwrap();
     assert_eq!((found.answer, found.placements.len()), (Answer::Ambiguous, 2), "{found:?}");
 }
 
@@ -109,7 +110,7 @@ fn along_a_corridor_without_ends_a_walk_slides() {
     let scene = Scene::Box(corridor);
     let walk = Trajectory::straight(DVec3::new(-4.0, 0.2, 1.4), DVec3::new(4.0, 0.1, 1.4), 0.8, 0);
     let (returns, start, _) = walked(&scene, &walk, 5);
-    let found = place(&returns, &start, &scene, None).unwrap();
+    let found = place(&returns, &start, &Target::of(&scene), None).unwrap();
     assert_eq!(found.answer, Answer::Slides, "{found:?}");
     assert!(found.slides_along.unwrap()[0].abs() > 0.99, "{found:?}");
 }
@@ -119,7 +120,7 @@ fn another_building_is_refused() {
     let walked_in = boxes(&[ROOM, CUPBOARD]);
     let (returns, start, _) = walked(&walked_in, &bow([0.3, -0.2], 1.2), 6);
     let other = boxes(&[[[0.0, 0.0, 0.0], [11.0, 6.5, 3.2]], [[4.0, 0.0, 0.0], [4.2, 4.5, 3.2]]]);
-    let found = place(&returns, &start, &other, None).unwrap();
+    let found = place(&returns, &start, &Target::of(&other), None).unwrap();
     assert_eq!(found.answer, Answer::NotFound, "{found:?}");
     assert!(found.words().contains("fits nowhere"), "{}", found.words());
 }
@@ -157,8 +158,8 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
         about * Pose::new(DQuat::from_rotation_z(0.02 * share), 0.15 * share * DVec3::X) * about.inverse()
     };
     let (drifted, own) = bent(&drift);
-    let placed = place(&drifted, &start, &scene, None).unwrap().placed().unwrap();
-    let followed = follow(&drifted, &own, &scene, &placed).unwrap();
+    let placed = place(&drifted, &start, &Target::of(&scene), None).unwrap().placed().unwrap();
+    let followed = follow(&drifted, &own, &Target::of(&scene), &placed).unwrap();
     let inside = |time_ns: u64| (0.05..0.95).contains(&share_of(&truth, time_ns));
     for (time_ns, pose) in followed.trajectory.stamped().filter(|(at, _)| inside(*at)) {
         let [shift_m, turn_deg] = off(&pose, &truth.at(time_ns).unwrap(), &Pose::IDENTITY);
@@ -169,7 +170,7 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
         true => about * Pose::new(DQuat::from_rotation_z(0.5), DVec3::new(0.9, 0.3, 0.0)) * about.inverse(),
         false => Pose::IDENTITY,
     };
-    let jumped = place(&bent(&jump).0, &start, &scene, None).unwrap();
+    let jumped = place(&bent(&jump).0, &start, &Target::of(&scene), None).unwrap();
     let misfit = jumped.misfit.unwrap();
     assert!((8.3..9.6).contains(&misfit.from_s) && misfit.to_s > 11.0, "{misfit:?}");
 }
@@ -189,8 +190,8 @@ fn a_walk_by_odometry_that_jumps_is_tracked_through_its_scene_and_through_no_oth
         _ => turned(-0.4, DVec3::new(0.1, -0.6, 0.0)),
     };
     let (returns, own) = bent((&truth, &scene_from_walk), &returns, &lost);
-    assert_eq!(place(&returns, &start, &scene, None).unwrap().answer, Answer::NotFound);
-    let tracked = track(&returns, &own, &scene, None).unwrap();
+    assert_eq!(place(&returns, &start, &Target::of(&scene), None).unwrap().answer, Answer::NotFound);
+    let tracked = track(&returns, &own, &Target::of(&scene), None).unwrap();
     assert!(tracked.inlier_share > 0.95, "{}", tracked.inlier_share);
     assert_eq!(tracked.trajectory.time_span_ns(), truth.time_span_ns());
     for (time_ns, pose) in tracked.trajectory.stamped() {
@@ -198,5 +199,5 @@ fn a_walk_by_odometry_that_jumps_is_tracked_through_its_scene_and_through_no_oth
         assert!(shift_m < 0.03 && turn_deg < 1.0, "{shift_m} m {turn_deg} deg at {time_ns}");
     }
     let other = boxes(&[[[0.0, 0.0, 0.0], [11.0, 6.5, 3.2]], [[4.0, 0.0, 0.0], [4.2, 4.5, 3.2]]]);
-    assert!(track(&returns, &own, &other, None).is_none());
+    assert!(track(&returns, &own, &Target::of(&other), None).is_none());
 }

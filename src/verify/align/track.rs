@@ -5,12 +5,11 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::rays::{Refining, Target};
-use super::surface::Surface;
+use super::rays::Refining;
+use super::surface::Target;
 use super::{Alignment, Answer, Hint, WalkReturn, place, share};
 use crate::base::geometry::Pose;
 use crate::verify::odometry::Motion;
-use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
 /// Stretches that are tried, evenly over the walk; each a share of it, and at most so long, s.
@@ -59,16 +58,11 @@ impl Tracked {
 pub fn track(
     returns: &[WalkReturn],
     trajectory: &Trajectory,
-    scene: &Scene,
+    target: &Target<'_>,
     hint: Option<Hint>,
 ) -> Option<Tracked> {
-    let (alignment, stretch) = placed_stretch(returns, trajectory, scene, hint)?;
-    let surface = Surface::of(scene);
-    let tracker = Tracker {
-        target: Target { scene, map: &surface.map },
-        trajectory,
-        scene_from_walk: alignment.placed()?,
-    };
+    let (alignment, stretch) = placed_stretch(returns, trajectory, target, hint)?;
+    let tracker = Tracker { target, trajectory, scene_from_walk: alignment.placed()? };
     let revolutions = revolutions(returns, trajectory);
     let middle_ns = returns[(stretch.start + stretch.end) / 2].time_ns;
     let (before, after) = revolutions.split_at(revolutions.partition_point(|of| of.middle_ns < middle_ns));
@@ -93,7 +87,7 @@ pub fn track(
 fn placed_stretch(
     returns: &[WalkReturn],
     trajectory: &Trajectory,
-    scene: &Scene,
+    target: &Target<'_>,
     hint: Option<Hint>,
 ) -> Option<(Alignment, Range<usize>)> {
     let [first_ns, last_ns] = [returns.first()?, returns.last()?].map(|of| of.time_ns);
@@ -108,7 +102,7 @@ fn placed_stretch(
         let stretch = at(from_s)..at(from_s + stretch_s);
         let part = &returns[stretch.clone()];
         let start = trajectory.at(part.first()?.time_ns)?;
-        let found = place(part, &start, scene, hint).ok()?;
+        let found = place(part, &start, target, hint).ok()?;
         let inlier_share = found.best.as_ref()?.inlier_share;
         let is_sure = found.answer == Answer::Placed && inlier_share >= STRETCH_INLIERS;
         is_sure.then_some((inlier_share, found, stretch))
@@ -165,7 +159,7 @@ impl Laid {
 }
 
 struct Tracker<'a> {
-    target: Target<'a>,
+    target: &'a Target<'a>,
     trajectory: &'a Trajectory,
     scene_from_walk: Pose,
 }

@@ -4,7 +4,7 @@ use super::error::WalkError;
 use crate::base::geometry::Pose;
 use crate::recording::Observer;
 use crate::rig::MountedSensor;
-use crate::verify::align::{Alignment, Answer, Hint, WalkReturn, follow, place, track, walk_returns};
+use crate::verify::align::{Alignment, Answer, Hint, Target, WalkReturn, follow, place, track, walk_returns};
 use crate::verify::compare::RecordedRay;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -52,7 +52,8 @@ pub(crate) fn in_scene(
     let returns = walk_returns(&rays, walk.sensors, walk.trajectory);
     let (_, start) = walk.trajectory.stamped().next().ok_or(TrajectoryError::Empty)?;
     let hint = near.map(|hint| Hint { at_m: hint.at_m - origin.world_m().truncate(), ..hint });
-    let found = place(&returns, &start, scene, hint)?;
+    let target = Target::of(scene);
+    let found = place(&returns, &start, &target, hint)?;
     drop(stage);
     let is_bent = match found.answer {
         Answer::Placed => found.misfit.is_some(),
@@ -61,11 +62,11 @@ pub(crate) fn in_scene(
     };
     if walk.drifts && is_bent {
         let _stage = (observer.stage)("tracking the walk through the scene");
-        if let Some(tracked) = track(&returns, walk.trajectory, scene, hint) {
+        if let Some(tracked) = track(&returns, walk.trajectory, &target, hint) {
             let alignment = tracked.alignment.moved(origin.world_m());
             let mut notices = vec![alignment.words(), tracked.words()];
             let returns = walk_returns(&rays, walk.sensors, &tracked.trajectory);
-            let trajectory = followed(&returns, &tracked.trajectory, scene, &Pose::IDENTITY, &mut notices)?;
+            let trajectory = followed(&returns, &tracked.trajectory, &target, &Pose::IDENTITY, &mut notices)?;
             return Ok(Placed { alignment, trajectory: Some(trajectory), notices });
         }
     }
@@ -77,7 +78,7 @@ pub(crate) fn in_scene(
     notices.insert(0, alignment.words());
     let trajectory = if walk.drifts {
         let _stage = (observer.stage)("laying the walk against the scene, piece by piece");
-        followed(&returns, walk.trajectory, scene, &scene_from_walk, &mut notices)?
+        followed(&returns, walk.trajectory, &target, &scene_from_walk, &mut notices)?
     } else {
         let placed = walk.trajectory.stamped().map(|(time_ns, pose)| (time_ns, scene_from_walk * pose));
         Trajectory::new(placed.collect())?
@@ -89,11 +90,11 @@ pub(crate) fn in_scene(
 fn followed(
     returns: &[WalkReturn],
     trajectory: &Trajectory,
-    scene: &Scene,
+    target: &Target<'_>,
     scene_from_walk: &Pose,
     notices: &mut Vec<String>,
 ) -> Result<Trajectory, TrajectoryError> {
-    let followed = follow(returns, trajectory, scene, scene_from_walk)?;
+    let followed = follow(returns, trajectory, target, scene_from_walk)?;
     notices.push(format!("drift corrected by the scene: up to {:.3} m", followed.drift_m));
     if followed.unsure as f64 > UNSURE * followed.pieces as f64 {
         notices.push(format!(
