@@ -158,6 +158,7 @@ fn a_missing_or_wrong_file_is_named() {
     for (arguments, named) in [
         (&["decode", "no-such.pcap"][..], "no-such.pcap"),
         (&["inspect", "no-such.pcap"], "no-such.pcap"),
+        (&["decode", "none.mcap", "--frame", "world", "-o", "none.laz"], "none.mcap: No such file"),
         (&["boresight", "no-such-session"], "no-such-session: No such file"),
         (&["rig", "calibrate", "no-such-session"], "no-such-session: No such file"),
         (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),

@@ -23,6 +23,7 @@ pub const CASES: &[Case] = &[
     case("points_are_selected_in_any_order_of_options", points_are_selected_in_any_order_of_options),
     case("far_grids_keep_their_coordinates", far_grids_keep_their_coordinates),
     case("odometry_saves_its_map", odometry_saves_its_map),
+    case("the_world_of_a_still_rig_is_its_frame", the_world_of_a_still_rig_is_its_frame),
     case("a_bag_brings_mount_and_trajectory", a_bag_brings_mount_and_trajectory),
     case("what_does_not_fit_is_refused", what_does_not_fit_is_refused),
     with_shared("planes_are_thinner_when_every_return_has_its_own_time", captures::planes_are_thinner),
@@ -405,6 +406,19 @@ fn a_bag_brings_mount_and_trajectory() {
             .collect();
         assert_eq!(names, ["left", "right"].map(str::to_owned).into(), "{name}");
     }
+}
+
+fn the_world_of_a_still_rig_is_its_frame() {
+    let room = Room::new();
+    let session = room.text("walk");
+    let of = |arguments: &[&str], out: &str| {
+        ran(0, &[&["decode", &session, "-o", &room.text(out)], arguments].concat());
+        rows(&room.path(out))
+    };
+    let rig = of(&["--frame", "rig"], "rig.npy");
+    let world = of(&["--frame", "world", "--trajectory", "still"], "world.npy");
+    assert!(rig.len() > 1000 && rig.len() == world.len());
+    assert!(rig.iter().zip(&world).all(|(a, b)| a.at_m == b.at_m && a.time_ns == b.time_ns));
 }
 
 fn what_does_not_fit_is_refused() {

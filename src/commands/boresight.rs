@@ -2,8 +2,6 @@
 
 mod document;
 
-use std::path::{Path, PathBuf};
-
 use anyhow::ensure;
 
 use super::odometry_args::OdometryArgs;
@@ -11,7 +9,7 @@ use super::recorded_args::RecordedArgs;
 use super::scene_args::PoseErrorArgs;
 use super::{Context, Outcome, output};
 use crate::recording::mounted::MountedRecording;
-use crate::recording::read_trajectory;
+use crate::recording::{TrajectorySource, read_trajectory};
 use crate::verify::calibrate::{Pair, relative_mount};
 use crate::verify::compare::{RaySample, RecordedRay};
 use crate::verify::walk::OdometryResult;
@@ -37,7 +35,7 @@ pub struct Args {
     /// Trajectory of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for
     /// the one that odometry finds in the recording; without it the session's own, else odometry.
     #[arg(long, value_name = "FILE")]
-    trajectory: Option<PathBuf>,
+    trajectory: Option<TrajectorySource>,
     #[command(flatten)]
     pose_error: PoseErrorArgs,
     #[command(flatten)]
@@ -48,7 +46,7 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error();
-    if args.trajectory.as_ref().is_some_and(|path| path.as_os_str() != "odometry") {
+    if matches!(args.trajectory, Some(TrajectorySource::Still | TrajectorySource::File(_))) {
         OdometryArgs::ensure_not_typed(context)?;
     }
     let recorded = MountedRecording::open(&args.recorded.spec(context))?;
@@ -94,12 +92,11 @@ fn trajectory(
     recorded: &MountedRecording,
     problems: &mut Vec<String>,
 ) -> anyhow::Result<Trajectory> {
-    let name = args.trajectory.as_ref().map(|path| path.display().to_string());
-    match name.as_deref() {
-        Some("still") => return Ok(recorded.still()?),
-        Some("odometry") => {}
-        Some(name) => {
-            let (trajectory, notes) = read_trajectory(Path::new(name), None)?;
+    match &args.trajectory {
+        Some(TrajectorySource::Still) => return Ok(recorded.still()?),
+        Some(TrajectorySource::Odometry) => {}
+        Some(TrajectorySource::File(path)) => {
+            let (trajectory, notes) = read_trajectory(path, None)?;
             problems.extend(notes);
             return Ok(trajectory);
         }

@@ -90,7 +90,7 @@ pub use receiving::LiveRecording;
 pub use servo_report::ServoReport;
 pub use session::{Session, SessionPackets};
 pub(crate) use source::{Recording, RecordingError, RecordingSpec};
-pub(crate) use trajectory_file::read_trajectory;
+pub(crate) use trajectory_file::{TrajectorySource, read_trajectory};
 pub use whereabouts::Displaced;
 pub use writer::{SensorInfo, SessionWriter};
 

@@ -1,10 +1,34 @@
 //! Trajectories from files: tables of poses, and what a bag holds.
 
-use std::path::Path;
+use std::convert::Infallible;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use super::bags::{Surroundings, is_bag_at};
 use super::source::RecordingError;
 use crate::world::trajectory::{ReadTrajectory, Trajectory};
+
+/// What `--trajectory` names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum TrajectorySource {
+    /// `still`: the rig does not move.
+    Still,
+    /// `odometry`: found from the recording.
+    Odometry,
+    File(PathBuf),
+}
+
+impl FromStr for TrajectorySource {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text {
+            "still" => Self::Still,
+            "odometry" => Self::Odometry,
+            path => Self::File(path.into()),
+        })
+    }
+}
 
 /// Reads a trajectory, in the frame of its file; how it was read, each line after the file's name.
 pub(crate) fn read_trajectory(

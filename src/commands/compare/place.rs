@@ -6,6 +6,7 @@ use crate::commands::odometry_args::OdometryArgs;
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, ensure_consistent, stage};
+use crate::recording::TrajectorySource;
 use crate::verify::align::Hint;
 use crate::verify::walk::{Frames, Offset, WalkSiteSpec};
 
@@ -30,7 +31,7 @@ pub struct PlaceArgs {
     /// that does not move, or `odometry` for the one of the recording itself, which is placed in the scene; without it the
     /// session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
-    trajectory: Option<PathBuf>,
+    trajectory: Option<TrajectorySource>,
     /// The trajectory begins in a frame of its own (SLAM, odometry): find where it lies in the scene.
     #[arg(long)]
     align: bool,
@@ -69,8 +70,8 @@ impl PlaceArgs {
 
 /// Refuses, before anything is read, what was asked for and does not fit together.
 pub(super) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
-    let source = args.trajectory.as_ref().and_then(|path| path.to_str());
-    if !matches!(source, None | Some("odometry")) {
+    let source = args.trajectory.as_ref();
+    if !matches!(source, None | Some(TrajectorySource::Odometry)) {
         OdometryArgs::ensure_not_typed(context)?;
         if !args.align {
             context.ensure_not_typed(&["align_near"], "is about --align, which is not asked for")?;
@@ -80,7 +81,7 @@ pub(super) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
     let words = "--time-offset search needs a trajectory in the scene's frame, and --align one on the recording's clock: give \
                  seconds, or start";
     ensure_consistent([(args.align && is_searched, words.into())])?;
-    if matches!(source, None | Some("still" | "odometry")) {
+    if !matches!(source, Some(TrajectorySource::File(_))) {
         context.ensure_not_typed(
             &["rate"],
             "is about a file of poses in KITTI format: --trajectory names none",

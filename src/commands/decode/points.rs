@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
 use crate::commands::{Context, ensure_consistent};
+use crate::recording::TrajectorySource;
 use crate::recording::decoding::{DecodingSpec, OutputFrame};
 use crate::recording::export::{Format, ReferenceSystem};
 use crate::recording::registered::{
@@ -17,10 +18,10 @@ pub struct PointArgs {
     /// Frame of the points: each sensor's own; the rig's; or the world's, each return at its own time, all sensors in one cloud.
     #[arg(long, value_enum, default_value_t)]
     frame: OutputFrame,
-    /// Where the rig was, for --frame world and for the transforms of an MCAP file: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC), or
-    /// `odometry`. Without it the session's or the bag's own.
+    /// Where the rig was, for --frame world and for the transforms of an MCAP file: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC),
+    /// `odometry`, or `still` for a rig that does not move. Without it the session's or the bag's own.
     #[arg(long, value_name = "FILE")]
-    trajectory: Option<PathBuf>,
+    trajectory: Option<TrajectorySource>,
     /// Where the sensors sit; without it the session's own, or the static transforms of a bag.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,

@@ -12,9 +12,10 @@ use super::spec::DecodingSpec;
 use crate::base::geometry::Pose;
 use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
 use crate::recording::export::{Cloud, Format, Source};
-use crate::recording::read_trajectory;
 use crate::recording::registered::{Registration, Target};
 use crate::recording::source::Recording;
+use crate::recording::{TrajectorySource, read_trajectory};
+use crate::world::trajectory::Trajectory;
 
 /// Decodes nothing: hands on what a driver decoded.
 pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Result<Document, DecodingError> {
@@ -93,11 +94,15 @@ fn registration(
     if spec.frame == OutputFrame::Rig && !spec.is_read_again() {
         return Ok((Registration::new(Target::Rig, filter), platform()));
     }
-    let (trajectory, body) = match spec.trajectory.as_deref() {
-        Some(path) if path.as_os_str() == "odometry" => {
+    let (trajectory, body) = match &spec.trajectory {
+        Some(TrajectorySource::Odometry) => {
             return Err(DecodingError::OdometryOfClouds { recording: recording.name() });
         }
-        Some(path) => {
+        Some(TrajectorySource::Still) if !spec.is_moved() => {
+            return Ok((Registration::new(Target::Sensor, filter), platform()));
+        }
+        Some(TrajectorySource::Still) => (Trajectory::still(), platform()),
+        Some(TrajectorySource::File(path)) => {
             let (trajectory, of_file) = read_trajectory(path, None)?;
             notices.extend(of_file);
             (trajectory, platform())

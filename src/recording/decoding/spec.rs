@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::frames::{FrameRange, OutputFrame};
+use crate::recording::TrajectorySource;
 use crate::recording::export::{FileFrame, Format};
 use crate::recording::part::Part;
 use crate::recording::registered::{PointFilter, Registration, TimeOffset};
@@ -14,8 +15,8 @@ pub(crate) struct DecodingSpec {
     /// Files that exist are overwritten.
     pub is_forced: bool,
     pub frame: OutputFrame,
-    /// Where the rig was, for points in the world's frame: a file, or `odometry`.
-    pub trajectory: Option<PathBuf>,
+    /// Where the rig was, for points in the world's frame.
+    pub trajectory: Option<TrajectorySource>,
     pub mount: Option<PathBuf>,
     pub time_offset: TimeOffset,
     pub filter: PointFilter,

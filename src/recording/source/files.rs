@@ -16,8 +16,13 @@ const LEARN_PACKETS: usize = 20_000;
 /// Packets within which every sensor of a recording has sent something.
 const MEET_PACKETS: usize = 1000;
 
-/// Refuses a folder that is no session.
+/// Refuses what is not there, and a folder that is no session.
 pub(crate) fn ensure_recording(path: &Path) -> Result<(), RecordingError> {
+    if path.as_os_str() != "-"
+        && let Err(source) = path.metadata()
+    {
+        return Err(RecordingError::File { name: path.display().to_string(), source });
+    }
     if path.is_dir() && !Session::is_session(path) && !is_bag_folder(path) {
         return Err(RecordingError::NoRecording { path: path.to_owned() });
     }

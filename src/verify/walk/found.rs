@@ -6,7 +6,7 @@ use super::in_scene::{Placed, RAYS, Walk, in_scene};
 use super::spec::WalkSiteSpec;
 use crate::base::geometry::Pose;
 use crate::recording::mounted::MountedRecording;
-use crate::recording::{RecordingError, read_trajectory};
+use crate::recording::{RecordingError, TrajectorySource, read_trajectory};
 use crate::verify::compare::RaySample;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -38,26 +38,24 @@ pub(super) fn find_trajectory(
         notices.extend(result.remarks());
         Ok(Found::Odometry(Box::new(result)))
     };
-    let Some(path) = &spec.trajectory else {
-        return match recorded.own_trajectory()? {
-            Some(own) => {
-                notices.extend(own.notes);
-                Ok(Found::Elsewhere(own.trajectory))
-            }
-            None if spec.map_of.is_some() => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
-            None => {
-                notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));
-                by_odometry(notices)
-            }
-        };
+    let path = match &spec.trajectory {
+        Some(TrajectorySource::Still) => return Ok(Found::Elsewhere(recorded.still()?)),
+        Some(TrajectorySource::Odometry) => return by_odometry(notices),
+        Some(TrajectorySource::File(path)) => path,
+        None => {
+            return match recorded.own_trajectory()? {
+                Some(own) => {
+                    notices.extend(own.notes);
+                    Ok(Found::Elsewhere(own.trajectory))
+                }
+                None if spec.map_of.is_some() => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
+                None => {
+                    notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));
+                    by_odometry(notices)
+                }
+            };
+        }
     };
-    let name = path.display().to_string();
-    if name == "still" {
-        return Ok(Found::Elsewhere(recorded.still()?));
-    }
-    if name == "odometry" {
-        return by_odometry(notices);
-    }
     let (poses, notes) = read_trajectory(path, spec.rate_hz)?;
     notices.extend(notes);
     let Some(rate_hz) = spec.rate_hz else {

@@ -1,12 +1,11 @@
 //! What is given of where a recording was made.
 
 use std::ops::Range;
-use std::path::PathBuf;
 
 use super::by_odometry::OdometrySpec;
 use super::clocks::Offset;
-use crate::recording::Observer;
 use crate::recording::scene::MapSpec;
+use crate::recording::{Observer, TrajectorySource};
 use crate::verify::align::Hint;
 use crate::world::scene::LoadedScene;
 
@@ -16,8 +15,8 @@ pub(crate) struct WalkSiteSpec {
     pub scene: Option<LoadedScene>,
     /// Frames that make a map, and how.
     pub map_of: Option<(Range<u64>, MapSpec)>,
-    /// A file, `still` or `odometry`; none for the recording's own, and odometry where it holds none.
-    pub trajectory: Option<PathBuf>,
+    /// None for the recording's own, and odometry where it holds none.
+    pub trajectory: Option<TrajectorySource>,
     /// Poses per second of a file without times.
     pub rate_hz: Option<f64>,
     pub odometry: OdometrySpec,

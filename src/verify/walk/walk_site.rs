@@ -7,6 +7,7 @@ use super::clocks::{Offset, search_time_offset, time_offset_ns};
 use super::error::WalkError;
 use super::found::{Found, find_trajectory, placed};
 use super::spec::WalkSiteSpec;
+use crate::recording::TrajectorySource;
 use crate::recording::mounted::MountedRecording;
 use crate::recording::scene::{Making, MapSpec};
 use crate::verify::align::Alignment;
@@ -45,7 +46,7 @@ impl WalkSite {
         let trajectory = found.trajectory();
         let time_offset_ns = time_offset_ns(spec.time_offset, recorded, trajectory)?;
         // a rig that stands has no poses to miss, and odometry has its own remarks
-        let is_still = spec.trajectory.as_ref().is_some_and(|path| path.as_os_str() == "still");
+        let is_still = spec.trajectory == Some(TrajectorySource::Still);
         if !is_still && !is_odometry {
             notices.extend(suspicions(trajectory, "trajectory"));
         }

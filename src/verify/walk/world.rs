@@ -8,7 +8,7 @@ use crate::recording::decoding::{DecodingSpec, OutputFrame};
 use crate::recording::export::Format;
 use crate::recording::mounted::{AxisZeros, Mounts, each_frame, revolutions_ns};
 use crate::recording::registered::{Registration, Target, TimeOffset};
-use crate::recording::{Recording, read_trajectory};
+use crate::recording::{Recording, TrajectorySource, read_trajectory};
 use crate::world::trajectory::{ReadTrajectory, Trajectory, suspicions};
 
 /// A trajectory and how its times count.
@@ -31,7 +31,7 @@ pub(crate) fn registration(
     let mut mounts = Mounts::of(recording, spec.mount.as_deref(), &AxisZeros::default())?;
     let target = match spec.frame {
         OutputFrame::World => {
-            let found = find(spec.trajectory.as_deref(), spec.time_offset, recording, &mut mounts)?;
+            let found = find(spec.trajectory.as_ref(), spec.time_offset, recording, &mut mounts)?;
             notices.extend(found.notices);
             Target::World { trajectory: found.trajectory, offset: found.offset }
         }
@@ -59,8 +59,9 @@ fn stated(
             notices.extend(notes);
             Target::SensorOnTrajectory { trajectory, offset: spec.time_offset }
         }
-        (Some(path), _) => {
-            let found = find(Some(path), spec.time_offset, recording, &mut mounts)?;
+        (Some(TrajectorySource::Still), _) => stay,
+        (Some(source), _) => {
+            let found = find(Some(source), spec.time_offset, recording, &mut mounts)?;
             notices.extend(found.notices);
             Target::SensorOnTrajectory { trajectory: found.trajectory, offset: found.offset }
         }
@@ -74,15 +75,23 @@ fn stated(
 
 /// From the file named (`odometry`: by odometry), or what the recording holds itself.
 fn find(
-    named: Option<&Path>,
+    source: Option<&TrajectorySource>,
     offset: TimeOffset,
     recording: &Recording,
     mounts: &mut Mounts,
 ) -> Result<Found, WalkError> {
-    let Some(path) = named else { return own(offset, recording) };
-    if path.as_os_str() == "odometry" {
-        return by_odometry(recording, mounts);
-    }
+    let path = match source {
+        None => return own(offset, recording),
+        Some(TrajectorySource::Still) => {
+            return Ok(Found {
+                trajectory: Trajectory::still(),
+                offset: TimeOffset::Fixed(0),
+                notices: Vec::new(),
+            });
+        }
+        Some(TrajectorySource::Odometry) => return by_odometry(recording, mounts),
+        Some(TrajectorySource::File(path)) => path,
+    };
     match read_trajectory(path, None) {
         Ok((trajectory, mut notices)) => {
             notices.extend(suspicions(&trajectory, "trajectory"));

@@ -55,6 +55,11 @@ impl Trajectory {
         Ok(Self { time_ns, world_from_body })
     }
 
+    /// Of a body that never moves.
+    pub(crate) fn still() -> Self {
+        Self { time_ns: vec![0, u64::MAX], world_from_body: vec![Pose::IDENTITY; 2] }
+    }
+
     /// From the poses in the middle of revolutions: before the first of them and after the last the body moves as it does next
     /// to them.
     pub(crate) fn of_revolutions(mut stamped: Vec<(u64, Pose)>) -> Result<Self, TrajectoryError> {
