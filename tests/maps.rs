@@ -203,7 +203,7 @@ impl Folder {
 
     fn predict(&self, place: &[&str]) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
-        command.args(["predict", "--json", "--azimuths", "360", "--no-housings", "--no-baselines"]);
+        command.args(["predict", "--json", "--azimuths", "360", "--no-housings"]);
         command.args(["--mount", &self.text("mount.json"), "--trajectory", &self.text("walk.tum")]);
         command.args(place).env_remove("OUTRIGGER_JSON").output().unwrap()
     }

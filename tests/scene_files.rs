@@ -39,21 +39,21 @@ fn validate(mesh: &Path, walk: &Path, more: &[&str]) -> Output {
     let [mesh, walk, mount] =
         [mesh.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
     let base = ["predict", "--ideal", "--scene", &mesh, "--trajectory", &walk, "--mount", &mount, "--json"];
-    outrigger(&[&base[..], &["--sample-count", "20000", "--no-baselines"], more].concat())
+    outrigger(&[&base[..], &["--sample-count", "20000"], more].concat())
 }
 
 fn predict(scene: &Path, walk: &Path, more: &[&str]) -> Output {
     let [scene, walk, mount] =
         [scene.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
     let base = ["predict", "--scene", &scene, "--trajectory", &walk, "--mount", &mount, "--json"];
-    outrigger(&[&base[..], &["--no-baselines", "--fidelity", "given"], more].concat())
+    outrigger(&[&base[..], &["--fidelity", "given"], more].concat())
 }
 
 fn ideal(scene: &Path, walk: &Path) -> Output {
     let [scene, walk, mount] =
         [scene.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
     let base = ["predict", "--ideal", "--scene", &scene, "--trajectory", &walk, "--mount", &mount, "--json"];
-    let quick = ["--azimuths", "64", "--sample-count", "20000", "--no-baselines"];
+    let quick = ["--azimuths", "64", "--sample-count", "20000"];
     outrigger(&[&base[..], &quick].concat())
 }
 

@@ -78,8 +78,7 @@ impl Folder {
     /// A prediction in the bare room, as quick as can be.
     fn predict(&self, more: &[&str]) -> Value {
         let room = ["predict", "--mount", "mount.json", "--trajectory", "walk.tum", "--room", "0,0,0,6,4,3"];
-        let quick = ["--no-baselines"];
-        self.document(&[&room[..], &quick, more].concat())
+        self.document(&[&room[..], more].concat())
     }
 
     fn error(&self, arguments: &[&str]) -> String {
@@ -107,7 +106,8 @@ const GOOD: [&str; 5] = ["predict", "--preset", "paper-vlp-16", "--masters", "0.
 
 fn single_sensors_stand_beside_a_score() {
     let folder = Folder::new();
-    let document = folder.document(&GOOD);
+    let compared = [&GOOD[..], &["--baselines"]].concat();
+    let document = folder.document(&compared);
     let single = |pitch: &str| {
         let masters = format!("0,0.1,0.05,{pitch},0");
         folder.document(&["predict", "--preset", "paper-vlp-16", "--no-mirror", "--masters", &masters])
@@ -124,11 +124,11 @@ fn single_sensors_stand_beside_a_score() {
     assert!(searched.iter().all(|tried| tried[1].as_f64() <= best["objective"].as_f64()));
     let gain = document["unique_voxels"].as_i64().unwrap() - best["unique_voxels"].as_i64().unwrap();
     assert_eq!(best["gain_voxels"], gain);
-    let text = String::from_utf8(folder.run(&GOOD).stdout).unwrap();
+    let text = String::from_utf8(folder.run(&compared).stdout).unwrap();
     assert!(text.contains("level single") && text.contains("best single"), "{text}");
-    assert!(folder.document(&[&GOOD[..], &["--no-baselines"]].concat())["baselines"].is_null());
+    assert!(folder.document(&GOOD)["baselines"].is_null());
     // many rays: from coarse to fine, and no worse than its neighbours
-    let fine = folder.document(&[&GOOD[..], &["--azimuths", "4096", "--sub-poses", "2"]].concat());
+    let fine = folder.document(&[&compared[..], &["--azimuths", "4096", "--sub-poses", "2"]].concat());
     let best_deg = fine["baselines"]["best_single"]["pitch_deg"].as_f64().unwrap();
     let searched = fine["baselines"]["pitch_search"].as_array().unwrap();
     assert!(
@@ -179,8 +179,7 @@ fn a_search_keeps_the_least_conditioning() {
     let conditioning = |document: &Value| {
         let master = document["best"]["masters"][0].as_array().unwrap();
         let master = master.iter().map(Value::to_string).collect::<Vec<_>>().join(",");
-        let scored =
-            folder.document(&["predict", "--preset", "paper-vlp-16", "--no-baselines", "--masters", &master]);
+        let scored = folder.document(&["predict", "--preset", "paper-vlp-16", "--masters", &master]);
         scored["registration"]["translation_p5"].as_f64().unwrap()
     };
     let least = 1.1 * conditioning(&free);
@@ -193,16 +192,13 @@ fn a_search_keeps_the_least_conditioning() {
 
 fn the_published_divergence_scores_again() {
     let folder = Folder::new();
-    let again = |seed: &str| {
-        folder.document(&[&GOOD[..], &["--no-baselines", "--rescore", "2", "--seed", seed]].concat())
-    };
+    let again = |seed: &str| folder.document(&[&GOOD[..], &["--rescore", "2", "--seed", seed]].concat());
     let one = again("1");
     assert_eq!(one["rescored"]["divergence_deg"], 0.09);
     assert_eq!(one["rescored"], again("1")["rescored"]);
     assert_ne!(one["rescored"]["objectives"], again("2")["rescored"]["objectives"]);
     assert_eq!(one["objective"], folder.document(&GOOD)["objective"], "the score itself has no divergence");
-    let none =
-        folder.document(&[&GOOD[..], &["--no-baselines", "--rescore", "1", "--divergence", "0"]].concat());
+    let none = folder.document(&[&GOOD[..], &["--rescore", "1", "--divergence", "0"]].concat());
     // the quirk of rays along an axis is hit less often when directions are made units again
     let off = none["rescored"]["mean"].as_f64().unwrap() - none["objective"].as_f64().unwrap();
     assert!(off.abs() < 60.0, "{off}");
@@ -239,7 +235,7 @@ fn units_of_a_rig_are_as_calibrated() {
     // of ideal sensors too, and for --mounts
     let surface =
         ["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--sample-count", "5000"];
-    let quick = ["--azimuths", "60", "--no-baselines"];
+    let quick = ["--azimuths", "60"];
     let both = folder.document(&[&surface[..], &quick, &["--mount", "mount.json"]].concat());
     assert_eq!(both["rays"], 20 * 60 * (16 + 32));
     let typed = |sensor: &str| {
@@ -298,8 +294,7 @@ fn every_flaw_has_its_option() {
 /// Level at the platform's origin, which is said; and the trajectory may be planned or typed.
 fn a_single_sensor_needs_no_mount() {
     let folder = Folder::new();
-    let place =
-        ["predict", "--room", "0,0,0,6,4,3", "--azimuths", "60", "--no-baselines", "--sensors", "vlp-16"];
+    let place = ["predict", "--room", "0,0,0,6,4,3", "--azimuths", "60", "--sensors", "vlp-16"];
     let alone = folder.document(&[&place[..], &["--trajectory", "walk.tum"]].concat());
     let typed =
         folder.document(&[&place[..], &["--trajectory", "walk.tum", "--mounts", "0,0,0,0,0"]].concat());
@@ -325,8 +320,7 @@ fn columns_from_180_to_4096() {
         before = voxels;
     }
     let azimuths = |columns: &str| {
-        folder.document(&[&GOOD[..], &["--no-baselines", "--azimuths", columns]].concat())["unique_voxels"]
-            .as_u64()
+        folder.document(&[&GOOD[..], &["--azimuths", columns]].concat())["unique_voxels"].as_u64()
     };
     assert!(azimuths("4096") > azimuths("180"));
 }
@@ -344,7 +338,7 @@ fn a_mesh_is_asked_for_its_unit_and_axis() {
         "vlp-16",
         "--mounts",
     ];
-    let quick = ["0,0,0,0,0", "--azimuths", "30", "--sample-count", "2000", "--no-baselines"];
+    let quick = ["0,0,0,0,0", "--azimuths", "30", "--sample-count", "2000"];
     let all = |more: &[&'static str]| [&ideal[..], &quick, more].concat();
     let plain = folder.document(&all(&[]));
     assert_eq!((&plain["mesh"]["unit"], &plain["mesh"]["is_unit_stated"]), (&json!("m"), &json!(false)));
@@ -431,11 +425,15 @@ fn is_whole_page(path: &Path, figures: usize) -> String {
 
 fn pages_stand_alone() {
     let folder = Folder::new();
-    folder.document(&[&GOOD[..], &["--report", "score.html"]].concat());
+    folder.document(&[&GOOD[..], &["--baselines", "--report", "score.html"]].concat());
     let page = is_whole_page(&folder.path("score.html"), 3);
     assert!(page.contains("observable, but unseen") && page.contains("best single"));
-    assert!(page.contains("--masters 0.07,0.1,0.05,35,0 --report score.html"), "the command as typed");
-    let predict = ["predict", "--mount", "mount.json", "--trajectory", "walk.tum", "--azimuths", "60"];
+    assert!(
+        page.contains("--masters 0.07,0.1,0.05,35,0 --baselines --report score.html"),
+        "the command as typed"
+    );
+    let predict =
+        ["predict", "--mount", "mount.json", "--trajectory", "walk.tum", "--azimuths", "60", "--baselines"];
     let room = ["--room", "0,0,0,6,4,3", "--report", "room.html"];
     folder.document(&[&predict[..], &room].concat());
     assert!(is_whole_page(&folder.path("room.html"), 3).contains("right only"));
@@ -444,12 +442,19 @@ fn pages_stand_alone() {
     assert!(seen["reachable_voxels"].as_u64() >= seen["unique_voxels"].as_u64());
     for name in ["level_single", "best_single"] {
         assert!(seen["baselines"][name]["completeness"]["0.05"].as_f64().unwrap() > 0.0, "{seen}");
-        assert!(seen["baselines"][name]["gain_voxels"].as_i64().unwrap() > 0, "two see more of a bare room");
+        let number = |of: &Value| of.as_i64().unwrap();
+        let (all, alone) = (&seen["baselines"], &seen["baselines"][name]);
+        let gain = number(&alone["gain_voxels"]);
+        assert_eq!(gain, number(&all["rig"]["unique_voxels"]) - number(&alone["unique_voxels"]));
+        assert!(gain > 0, "two see more of a bare room");
+        assert!((0.0..0.5 * gain as f64).contains(&alone["gain_sd_voxels"].as_f64().unwrap()), "{all}");
+        assert!((0.09..=1.0).contains(&all["rays_share"].as_f64().unwrap()), "{all}");
+        assert!(number(&all["rig"]["unique_voxels"]) <= number(&seen["unique_voxels"]));
     }
     assert!(is_whole_page(&folder.path("mesh.html"), 4).contains("Blind spots"));
     let ideal =
         ["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--mount", "mount.json"];
-    let quick = ["--azimuths", "60", "--sample-count", "5000", "--report", "surface.html"];
+    let quick = ["--azimuths", "60", "--sample-count", "5000", "--baselines", "--report", "surface.html"];
     folder.document(&[&ideal[..], &quick].concat());
     assert!(is_whole_page(&folder.path("surface.html"), 4).contains("degenerate"));
     let error = folder.error(&[&GOOD[..], &["--report", "no/such/folder.html"]].concat());
@@ -463,7 +468,7 @@ fn a_prediction_covers_the_house_as_ideal_sensors_do() {
     let rows = walk.lines().filter(|line| !line.starts_with('#'));
     let first_seconds = rows.take_while(|line| line.split(' ').next().unwrap().parse::<f64>().unwrap() < 4.0);
     folder.write("walk.tum", first_seconds.collect::<Vec<_>>().join("\n").as_bytes());
-    let common = ["--trajectory", "walk.tum", "--mount", "mount.json", "--azimuths", "360", "--no-baselines"];
+    let common = ["--trajectory", "walk.tum", "--mount", "mount.json", "--azimuths", "360"];
     let samples = ["--sample-count", "20000"];
     let [predicted, validated] = [&["predict"][..], &["predict", "--ideal"]]
         .map(|verb| folder.document(&[verb, &["--scene", &mesh], &common, &samples].concat()));

@@ -366,7 +366,17 @@ fn ideal_sensors_report_and_repeat_themselves() {
             .current_dir(folder.path())
             .env("RAYON_NUM_THREADS", threads)
             .args(IDEAL)
-            .args(["--azimuths", "90", "--sample-count", "20000", "--seed", "4", "--mounts", mounts])
+            .args([
+                "--azimuths",
+                "90",
+                "--sample-count",
+                "20000",
+                "--seed",
+                "4",
+                "--baselines",
+                "--mounts",
+                mounts,
+            ])
             .output()
             .unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -397,7 +407,7 @@ fn ideal_sensors_report_and_repeat_themselves() {
 fn ideal_sensors_refuse_what_they_cannot_use() {
     let folder = tempfile::tempdir().unwrap();
     write_room(folder.path(), 1000.0);
-    let mounts = ["--mounts", "0,0,0,0,0", "--no-baselines"];
+    let mounts = ["--mounts", "0,0,0,0,0"];
     let refused = |more: &[&str], words: &[&str]| {
         let output = validate(folder.path(), &[&mounts[..], more].concat());
         let text = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -254,7 +254,7 @@ fn evaluate_scores_a_mount_file_as_it_is() {
 }
 
 fn evaluate_says_what_sampling_is_worth() {
-    let pair = ["--preset", "paper-vlp-16", "--masters", "0.1,0,0,27,0", "--no-baselines"];
+    let pair = ["--preset", "paper-vlp-16", "--masters", "0.1,0,0,27,0"];
     let output = evaluate(&[&pair[..], &["--fidelity", "auto", "--tolerance", "5", "--json"]].concat());
     let document: serde_json::Value = crate::support::document(&output.stdout).unwrap();
     let fidelity = &document["fidelity"];
@@ -367,7 +367,7 @@ fn predict_counts_what_its_coverage_file_holds() {
     let shaded = walk.predict(&[&room[..], &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
     let shaded: serde_json::Value = crate::support::document(&shaded.stdout).unwrap();
     assert!(shaded["returns"].as_u64() < document["returns"].as_u64(), "the operator shades beams");
-    let within = walk.predict(&[&room[..4], &["--operator", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
+    let within = walk.predict(&[&room[..4], &["--operator", "-1,0,0,1,0,0,0.5"]].concat());
     let said = String::from_utf8_lossy(&within.stderr);
     assert!(said.contains("right: not one ray came back") && said.contains("operator"), "{said}");
 }

@@ -264,7 +264,6 @@ fn a_report_holds_what_it_shows_in_3d() {
         &file("walk.tum"),
         "--azimuths",
         "60",
-        "--no-baselines",
         "--fidelity",
         "given",
         "--report",

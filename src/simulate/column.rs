@@ -69,6 +69,9 @@ pub(super) fn ring(direction: DVec3, divergence_rad: f64, rays: u32) -> impl Ite
 
 /// What a beam reports of what its rays met: the hit of median distance; nothing if half of the light or more is lost.
 pub(super) fn median(met: &[Option<Hit>]) -> Option<Hit> {
+    if let [only] = met {
+        return *only; // nothing to sort, and by far the most frequent
+    }
     let mut hits: Vec<_> = met.iter().flatten().collect();
     if hits.len() * 2 < met.len() {
         return None;

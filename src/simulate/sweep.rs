@@ -186,7 +186,8 @@ impl<'a> Sweep<'a> {
                     normal: hit?.normal,
                 })
             };
-            let returns = beams.iter().enumerate().filter_map(one).collect();
+            let mut returns = Vec::with_capacity(beams.len());
+            returns.extend(beams.iter().enumerate().filter_map(one));
             let azimuth_rad = scanner.spins[self.sensor].azimuth_rad(*column);
             take(SimulatedColumn { column: *column, time_ns: *time_ns, azimuth_rad, returns });
         }

@@ -51,7 +51,7 @@ fn bases(kit: &Kit) -> Vec<(&'static str, Vec<String>)> {
     let search_in_a_room = "optimize --room=-3,-3,0,3,3,3 --trajectory=-1,0,1.6;1,0,1.6 --sensors vlp-16,vlp-16 --evals 6 \
                             --azimuths 60 --voxel 0.5 --scan-stride 5";
     let search = "optimize --preset paper-vlp-16 --evals 6 --method random --fidelity given";
-    let scan = format!("--mount {mount} --trajectory {walk} --azimuths 8 --no-baselines");
+    let scan = format!("--mount {mount} --trajectory {walk} --azimuths 8");
     let predict = format!("predict {scan} --voxel 0.5 --fidelity given");
     let lines = [
         ("predict", format!("{predict} {room}")),

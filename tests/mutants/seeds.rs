@@ -274,8 +274,7 @@ pub fn words(words: &[&str]) -> Vec<String> {
 
 fn predict(kit: &Kit, more: &[&str]) -> Vec<String> {
     let (walk, mount, out) = (kit.name("walk.tum"), kit.name("mount.json"), kit.name("out/seen.json"));
-    let mut arguments =
-        words(&["predict", "--azimuths", "8", "--voxel", "0.5", "--fidelity", "given", "--no-baselines"]);
+    let mut arguments = words(&["predict", "--azimuths", "8", "--voxel", "0.5", "--fidelity", "given"]);
     for (flag, value) in [("--trajectory", &walk), ("--mount", &mount), ("--out", &out)] {
         if !more.contains(&flag) {
             arguments.extend(words(&[flag, value]));
@@ -468,7 +467,7 @@ fn rig_toml(kit: &Kit) -> String {
     format!(
         "format = \"outrigger-rig/1\"\n\n[[sensor]]\nname = \"left\"\nmodel = \"os1-16\"\nlisten = \"127.0.0.1:7502\"\n\
          metadata = \"{}\"\n\n[[sensor]]\nname = \"right\"\nmodel = \"vlp-16\"\nlisten = 2368\nlisten_aside = 8308\n\
-         source = \"10.0.0.3\"\n\n[predict]\nazimuths = 8\nvoxel = 0.5\nfidelity = \"given\"\nno_baselines = true\n\
+         source = \"10.0.0.3\"\n\n[predict]\nazimuths = 8\nvoxel = 0.5\nfidelity = \"given\"\n\
          spin_rate = 10\nmin_range = 0.5\nmax_range = 50\nsub_rays = 0\n\n[rig]\nlimits_deg = [[-50, 50], [-50, 50]]\n",
         kit.name("meta.json")
     )

@@ -32,7 +32,7 @@ pub fn the_command_finds_writes_and_goes_on() {
     let evaluated = json(&["predict", "--json", "--mount", &mount]);
     assert_eq!(evaluated["objective"], whole["best"]["objective"], "the mount file scores as found");
     let notice = |arguments: &[&str]| {
-        let output = outrigger(&[&["predict", "--no-baselines", "--mount", &mount], arguments].concat());
+        let output = outrigger(&[&["predict", "--mount", &mount], arguments].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         said.split_once("found with ").map(|(_, what)| what.trim_end().to_owned())
     };
@@ -372,7 +372,7 @@ pub fn a_mount_is_scored_as_it_was_found() {
         "--json",
     ];
     let found = json(&[&asked[..], &more, &["--final-look", "off"]].concat());
-    let evaluate = ["predict", "--mount", &mount, "--no-baselines", "--json"];
+    let evaluate = ["predict", "--mount", &mount, "--json"];
     let scored = json(&evaluate);
     assert_eq!(scored["objective"], found["best"]["objective"]);
     assert_eq!((&scored["path"], &scored["prices"]), (&found["path"], &found["prices"]));
@@ -388,7 +388,7 @@ pub fn a_mount_is_scored_as_it_was_found() {
     turned["sensors"][0]["pitch_deg"] = (turned["sensors"][0]["pitch_deg"].as_f64().unwrap() + 1.0).into();
     let other = folder.path().join("turned.json").to_str().unwrap().to_owned();
     std::fs::write(&other, turned.to_string()).unwrap();
-    let output = outrigger(&["predict", "--mount", &other, "--no-baselines"]);
+    let output = outrigger(&["predict", "--mount", &other]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(told.contains("its sensors were changed since"), "{told}");
     // a file from before these were kept is read

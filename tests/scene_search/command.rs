@@ -15,7 +15,7 @@ fn with_house<'a>(before: &[&'a str], house: &'a [String; 4], after: &[&'a str])
 }
 
 /// The surface is judged elsewhere.
-const QUICK: [&str; 3] = ["--no-baselines", "--sample-count", "10000"];
+const QUICK: [&str; 2] = ["--sample-count", "10000"];
 
 pub fn predict_casts_ideal_mounts() {
     let reference = super::reference();

@@ -206,7 +206,7 @@ pub fn the_search_and_the_prediction_count_alike() {
     assert!(output.status.code() == Some(2) && words.contains("quality"), "{words}");
     // real sensors are counted the same way
     let real = |more: &[&str]| {
-        let flags = ["predict", "--json", "--no-baselines", "--fidelity", "given", "--mount", &mount];
+        let flags = ["predict", "--json", "--fidelity", "given", "--mount", &mount];
         json(&[&flags[..], &PLACE, more].concat())["unique_voxels"].as_u64().unwrap()
     };
     assert!(real(&LIMITS) < real(&LIMITS[..4]) && real(&LIMITS[..4]) < real(&[]));

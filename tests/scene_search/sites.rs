@@ -44,8 +44,7 @@ impl Folder {
     /// J of a mount file at a site, and the share that it sees.
     fn predicted(&self, mount: &str, scene: &str, walk: &str) -> (f64, u64) {
         let scene = self.path(scene);
-        let flags =
-            ["predict", "--json", "--weights", "published", "--no-baselines", "--sample-count", "1000"];
+        let flags = ["predict", "--json", "--weights", "published", "--sample-count", "1000"];
         let place = ["--mount", mount, "--scene", &scene, "--trajectory", walk];
         let found = json(&[&flags[..], &place, &FLAGS[2..]].concat());
         (found["objective"].as_f64().unwrap(), found["unique_voxels"].as_u64().unwrap())

@@ -44,7 +44,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let seen = objective.simulator().see(&sensors)?;
     let mut document = Document::new(&objective, &sensors, &seen, start.elapsed().as_secs_f64());
-    if !args.no_baselines {
+    if args.baselines {
         document.baselines = Some(baselines(&objective, &sensors)?);
     }
     if args.scoring.rescore > 0 {

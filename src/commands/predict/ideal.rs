@@ -75,7 +75,9 @@ pub fn run(
     stage.next("casting the rays on the samples of the surface");
     let covered = surface.as_ref().map(|surface| sensors.cover(surface));
     let wall_s = start.elapsed().as_secs_f64();
-    stage.next("casting single sensors to compare with (--no-baselines leaves them out)");
+    if args.baselines {
+        stage.next("casting single sensors to compare with");
+    }
     let times = Times { prepare_s, observable_s, baselines_s: 0.0 };
     let of_surface = surface.as_ref().zip(covered).zip(loaded.mesh);
     let (surface_document, flags) = of_surface
@@ -108,7 +110,7 @@ fn refuse_unused(context: Context, is_on_mesh: bool) -> anyhow::Result<()> {
     context.ensure_not_typed(&OF_REAL_SENSORS, why)?;
     context.ensure_not_typed(&["operator"], why)?;
     if !is_on_mesh {
-        let on_a_surface = ["no_baselines", "report", "covered_out"];
+        let on_a_surface = ["baselines", "report", "covered_out"];
         context.ensure_not_typed(&on_a_surface, "is about the surface of a mesh: give one behind --scene")?;
     }
     Ok(())

@@ -23,7 +23,7 @@ pub(super) fn surface_document(
     times: Times,
 ) -> (SurfaceDocument, Completeness) {
     let start = Instant::now();
-    let baselines = (!args.no_baselines).then(|| sensors.baselines(surface, &shares));
+    let baselines = args.baselines.then(|| sensors.baselines(surface, &shares));
     let times = Times { baselines_s: start.elapsed().as_secs_f64(), ..times };
     (SurfaceDocument::new(sensors, mesh, surface, shares, baselines, times), flags)
 }

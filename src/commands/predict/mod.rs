@@ -83,9 +83,9 @@ pub struct Args {
     /// know J within --tolerance. given: neither [default: auto; given for an experiment as published].
     #[arg(long)]
     fidelity: Option<FidelityArg>,
-    /// Leave out the single sensors that the rig is compared with.
+    /// Compare with single sensors, one level and the best one; in a scene by a tenth of the rays.
     #[arg(long)]
-    no_baselines: bool,
+    baselines: bool,
     /// Coverage file (PLY): the voxel centres seen, one bit per sensor.
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,

@@ -58,9 +58,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let wall_s = start.elapsed().as_secs_f64();
     let mut doubts = doubts(&scanner, &site, surface, &prediction);
     doubts.extend(placement.doubts);
-    stage.next("casting single sensors to compare with (--no-baselines leaves them out)");
-    let baselines = (!args.no_baselines)
-        .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
+    let baselines = args.baselines.then(|| {
+        stage.next("casting single sensors to compare with");
+        baselines(&scanner, &site.grid, surface, &stage.progress())
+    });
     stage.next("finding what is observable from the trajectory");
     let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
     let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);

@@ -102,7 +102,7 @@ impl SurfaceDocument {
         }
         text += &self.registration.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
         match &self.baselines {
-            Some(_) => text + &format!("single sensors {:.2} s (--no-baselines)\n", self.times.baselines_s),
+            Some(_) => text + &format!("single sensors {:.2} s\n", self.times.baselines_s),
             None => text,
         }
     }

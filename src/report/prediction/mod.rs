@@ -9,8 +9,7 @@ use serde::Serialize;
 use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
 use crate::design::registration::{PathRegistration, RegistrationQuality};
 use crate::rig::{Conflicts, MountedSensor};
-use crate::simulate::baselines::Baselines;
-use crate::simulate::prediction::{Omission, Prediction, SinglePrediction, Site, unknown_share};
+use crate::simulate::prediction::{Omission, Prediction, SceneBaselines, Site, unknown_share};
 use crate::simulate::quality::Quality;
 use crate::simulate::scan::Scanner;
 use crate::world::coverage::VoxelGrid;
@@ -32,8 +31,8 @@ pub(crate) struct Document {
     pub overlap_ratio: f64,
     /// Neighbouring voxels that could be seen and are not, the largest groups first.
     pub blind_spots: Vec<BlindSpot>,
-    /// Null where they were left out.
-    pub baselines: Option<Baselines<SinglePrediction>>,
+    /// Null unless asked for.
+    pub baselines: Option<SceneBaselines>,
     /// Of a mesh.
     #[serde(flatten)]
     pub surface: Option<SurfaceDocument>,
@@ -218,14 +217,20 @@ impl Document {
         text += &self
             .quality
             .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(false)));
-        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
+        if let Some(baselines) = &self.baselines {
             text += &format!(
-                "{name:15}{} at pitch {:.0}: {} voxels; the rig sees {:+}\n",
-                single.model, single.pitch_deg, single.seen.unique_voxels, single.seen.gain_voxels
+                "compared       {}: the rig sees {} voxels\n",
+                baselines.rays_words(),
+                baselines.rig.unique_voxels
             );
-        }
-        if let (Some(baselines), true) = (&self.baselines, self.surface.is_some()) {
-            text += &format!("{:15}best by {}\n", "", baselines.search_by);
+            for (name, single) in baselines.singles.named() {
+                let (seen, gain) = (single.seen.unique_voxels, single.seen.gain_words());
+                let (model, pitch_deg) = (&single.model, single.pitch_deg);
+                text += &format!(
+                    "{name:15}{model} at pitch {pitch_deg:.0}: {seen} voxels; the rig sees {gain}\n"
+                );
+            }
+            text += &format!("{:15}best by {}\n", "", baselines.singles.search_by);
         }
         if let Some(surface) = &self.surface {
             text += &surface.mesh.line();
@@ -238,8 +243,8 @@ impl Document {
             let line =
                 |name: &str, shares: &SurfaceShares| format!("{name:15}{}\n", shares.percent().join("  "));
             text += &line("rig", &surface.shares);
-            for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
-                text += &single.seen.shares.as_ref().map_or(String::new(), |shares| line(name, shares));
+            for (name, shares) in self.baselines.iter().flat_map(SceneBaselines::shares) {
+                text += &line(&name, shares);
             }
         }
         text += &self.map.as_ref().map_or(String::new(), MapDocument::line);

@@ -3,6 +3,7 @@
 use super::{Document, SensorDocument};
 use crate::report::chart::number;
 use crate::report::{FromAbove, Report, figures, orbit, unfold_box};
+use crate::simulate::prediction::SceneBaselines;
 use crate::simulate::scan::Scanner;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
@@ -21,9 +22,11 @@ pub(crate) fn page(
     let count = |count: u64| number(count as f64, 0);
     let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
+        let seen = &baselines.singles.best_single.seen;
         format!(
-            ", {} more than the best single sensor",
-            number(baselines.best_single.seen.gain_voxels as f64, 0)
+            "; {} the rig sees {} more than the best single sensor",
+            baselines.rays_words(),
+            seen.gain_words()
         )
     });
     let summary = format!(
@@ -112,9 +115,8 @@ fn surface(report: &mut Report, document: &Document) {
     let mut row = vec!["the rig".to_owned()];
     row.extend(surface.shares.percent());
     let mut rows = vec![row];
-    for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
-        let shares = single.seen.shares.iter().flat_map(|shares| shares.percent());
-        rows.push(std::iter::once(name.to_owned()).chain(shares).collect());
+    for (name, shares) in document.baselines.iter().flat_map(SceneBaselines::shares) {
+        rows.push(std::iter::once(name).chain(shares.percent()).collect());
     }
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
     report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
@@ -126,24 +128,25 @@ fn surface(report: &mut Report, document: &Document) {
 
 fn baselines(report: &mut Report, document: &Document) {
     let Some(baselines) = &document.baselines else { return };
-    let rig =
-        ["the rig".into(), "-".into(), "-".into(), number(document.unique_voxels as f64, 0), "-".into()];
-    let single = baselines.named().map(|(name, single)| {
+    let seen = number(baselines.rig.unique_voxels as f64, 0);
+    let rig = ["the rig".into(), "-".into(), "-".into(), seen, "-".into()];
+    let single = baselines.singles.named().map(|(name, single)| {
         vec![
             name.into(),
             single.model.clone(),
             number(single.pitch_deg, 0),
             number(single.seen.unique_voxels as f64, 0),
-            number(single.seen.gain_voxels as f64, 0),
+            single.seen.gain_words(),
         ]
     });
     let rows: Vec<_> = std::iter::once(rig.to_vec()).chain(single).collect();
-    let header = ["", "model", "pitch, deg", "voxels seen", "the rig sees more"];
+    let words = baselines.rays_words();
+    let header = [words.as_str(), "model", "pitch, deg", "voxels seen", "the rig sees more"];
     let y_label = match document.surface {
-        Some(_) => "share covered on some revolutions",
-        None => "voxels seen on some revolutions",
+        Some(_) => "share covered on some columns",
+        None => "voxels seen on some columns",
     };
-    figures::baselines_section(report, baselines, &header, &rows, y_label, None);
+    figures::baselines_section(report, &baselines.singles, &header, &rows, y_label, None);
 }
 
 fn pictures(
