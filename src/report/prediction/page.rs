@@ -143,8 +143,8 @@ fn baselines(report: &mut Report, document: &Document) {
     let words = baselines.rays_words();
     let header = [words.as_str(), "model", "pitch, deg", "voxels seen", "the rig sees more"];
     let y_label = match document.surface {
-        Some(_) => "share covered on some columns",
-        None => "voxels seen on some columns",
+        Some(_) => "share covered on some revolutions",
+        None => "voxels seen on some revolutions",
     };
     figures::baselines_section(report, &baselines.singles, &header, &rows, y_label, None);
 }

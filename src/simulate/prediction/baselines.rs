@@ -12,6 +12,7 @@ use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::Progress;
 use crate::simulate::baselines::{Baselines, SCAN_PITCHES_DEG, Single, by_scans, search_step, strongest};
 use crate::simulate::occluder::Occluder;
+use crate::simulate::rounds::{is_worth_settling, rounds};
 use crate::simulate::scan::Scanner;
 use crate::simulate::view::CellHasher;
 use crate::world::coverage::{Coverage, VoxelGrid};
@@ -22,8 +23,6 @@ const EVERY: usize = 10;
 const LEAST_TURNS: usize = 10;
 /// Each of these leaves out its part of the revolutions: how much a difference changes then says how sure it is.
 const BLOCKS: usize = 10;
-/// Of so many columns of a revolution, so many are cast in the search of a pitch.
-const SEARCHED_COLUMNS: (u64, usize) = (4, 16);
 
 /// The rig and single sensors by the same rays.
 #[derive(Clone, Debug, Serialize)]
@@ -114,8 +113,8 @@ pub(crate) fn baselines(
         },
         |seen| seen.shares.as_ref().map_or(seen.unique_voxels as f64, SurfaceShares::main),
         match surface {
-            Some(_) => "completeness at 0.05 m on some columns",
-            None => "unique_voxels on some columns",
+            Some(_) => "completeness at 0.05 m on some revolutions",
+            None => "unique_voxels on some revolutions",
         },
     );
     SceneBaselines {
@@ -211,40 +210,45 @@ fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a>
     Scanner { rig, spins: vec![scanner.spins[sensor]], occluders: vec![operator], ..scanner.clone() }
 }
 
-/// What some columns of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
+/// A revolution in parts for several threads.
+fn quarters(columns: &Range<u64>) -> impl Iterator<Item = Range<u64>> + use<> {
+    let (start, end) = (columns.start, columns.end);
+    let step = (end - start).div_ceil(4).max(1);
+    (start..end).step_by(step as usize).map(move |first| first..end.min(first + step))
+}
+
+/// What some revolutions of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
 fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&ObservableSurface>) -> f64 {
+    let turns: Vec<_> = turns(scanner, 0).map(|(_, columns)| columns).collect();
     let sweep = scanner.sweep(0);
-    let (together, of) = SEARCHED_COLUMNS;
-    let some = |(_, turn): (usize, Range<u64>)| {
-        let end = turn.end;
-        turn.step_by(of).map(move |first| first..end.min(first + together))
-    };
-    let turns: Vec<Vec<Range<u64>>> =
-        turns(scanner, 0).step_by(step(scanner, 0)).map(|turn| some(turn).collect()).collect();
+    let chosen: Vec<_> = turns.into_iter().step_by(step(scanner, 0)).collect();
     if let Some(surface) = surface {
-        let found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
-        turns.par_iter().for_each(|parts| {
-            let mut adder = found.adder();
-            for columns in parts {
+        let mut found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
+        for (round, numbers) in rounds(chosen.len() as u64).iter().enumerate() {
+            let parts: Vec<_> =
+                numbers.iter().flat_map(|number| quarters(&chosen[*number as usize])).collect();
+            parts.par_iter().for_each(|columns| {
+                let mut adder = found.adder();
                 sweep.columns(columns.clone(), |column| {
                     column.returns.iter().for_each(|back| found.add(&mut adder, back.point_m));
                 });
+            });
+            if is_worth_settling(round) {
+                found.settle();
             }
-        });
+        }
         return found.shares()[0];
     }
-    let cover = |parts: &Vec<Range<u64>>| {
+    let cover = |columns: &Range<u64>| {
         let mut coverage = Coverage::new(grid.clone(), 1);
-        for columns in parts {
-            sweep.columns(columns.clone(), |column| {
-                column.returns.iter().for_each(|back| coverage.add(0, back.point_m));
-            });
-        }
+        sweep.columns(columns.clone(), |column| {
+            column.returns.iter().for_each(|back| coverage.add(0, back.point_m));
+        });
         coverage
     };
     let join = |mut all: Coverage, more: Coverage| {
         all.join(&more);
         all
     };
-    turns.par_iter().map(cover).reduce_with(join).map_or(0.0, |seen| seen.union_count() as f64)
+    chosen.par_iter().map(cover).reduce_with(join).map_or(0.0, |seen| seen.union_count() as f64)
 }
