@@ -33,7 +33,7 @@ pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
     /// Trajectory of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for
-    /// the one that odometry finds in the recording; without it the session's own, else odometry.
+    /// the one that odometry finds in the recording; without it the recording's own, else odometry.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<TrajectorySource>,
     #[command(flatten)]
@@ -101,7 +101,8 @@ fn trajectory(
             return Ok(trajectory);
         }
         None => {
-            if let Some(own) = recorded.own_trajectory()? {
+            // it may lie in any frame
+            if let Some(own) = recorded.own_trajectory()?.or(recorded.poses_of_bag()?) {
                 problems.extend(own.notes);
                 return Ok(own.trajectory);
             }

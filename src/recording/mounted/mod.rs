@@ -21,6 +21,7 @@ use std::cell::OnceCell;
 
 use sensors::router::GivenCalibration;
 
+use super::bags::Surroundings;
 use super::observer::Observer;
 use super::source::{Recording, RecordingError};
 use super::{ServoReport, Session};
@@ -79,8 +80,9 @@ impl MountedRecording {
 
     /// What it is, in words.
     pub(crate) fn what(&self) -> &'static str {
-        match self.source {
+        match &self.source {
             Source::Session { .. } => "the session",
+            Source::Capture(recording) if recording.is_bag() => "the bag",
             Source::Capture(_) => "a capture",
         }
     }
@@ -91,6 +93,20 @@ impl MountedRecording {
             Source::Session { session, .. } => Ok(session.trajectory()?),
             Source::Capture(_) => Ok(None),
         }
+    }
+
+    /// The poses in the bag that it is, whose frame may be any.
+    pub(crate) fn poses_of_bag(&self) -> Result<Option<ReadTrajectory>, RecordingError> {
+        let Source::Capture(recording) = &self.source else { return Ok(None) };
+        if !recording.is_bag() {
+            return Ok(None);
+        }
+        let surroundings = Surroundings::read(recording.path(), &recording.name())?;
+        if surroundings.trajectories.is_empty() {
+            return Ok(None);
+        }
+        let (trajectory, notes) = surroundings.platform_trajectory(recording.path(), None)?;
+        Ok(Some(ReadTrajectory { trajectory, notes }))
     }
 
     /// Every frame.

@@ -42,12 +42,7 @@ impl MountedRecording {
     pub(crate) fn open_if_mounted(spec: &MountedSpec) -> Result<Option<Self>, RecordingError> {
         let MountedSpec { recording, mount, zeros } = spec;
         let path = &recording.path;
-        // a name that was mistyped is no recording without a mount
-        if path.as_os_str() != "-" {
-            let refused = |source| RecordingError::File { name: path.display().to_string(), source };
-            std::fs::metadata(path).map_err(refused)?;
-            ensure_recording(path)?;
-        }
+        ensure_recording(path)?; // a name that was mistyped is no recording without a mount
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let mount = match mount {
             Some(file) => Some(MountFile::read(file)?),

@@ -43,14 +43,23 @@ pub(super) fn find_trajectory(
         Some(TrajectorySource::Odometry) => return by_odometry(notices),
         Some(TrajectorySource::File(path)) => path,
         None => {
-            return match recorded.own_trajectory()? {
+            let is_mapped = spec.map_of.is_some();
+            let of_bag = recorded.poses_of_bag()?;
+            let words = match of_bag {
+                Some(_) => {
+                    "odometry finds the trajectory: --trajectory BAG --align takes the bag's own poses".into()
+                }
+                None => format!("{} holds no trajectory: odometry finds one", recorded.what()),
+            };
+            // a map of the recording itself lies in any frame
+            return match recorded.own_trajectory()?.or(of_bag.filter(|_| is_mapped)) {
                 Some(own) => {
                     notices.extend(own.notes);
                     Ok(Found::Elsewhere(own.trajectory))
                 }
-                None if spec.map_of.is_some() => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
+                None if is_mapped => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
                 None => {
-                    notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));
+                    notices.push(words);
                     by_odometry(notices)
                 }
             };
