@@ -1,8 +1,7 @@
 //! Trajectories from files: tables of poses, and what a bag holds.
 
-use std::convert::Infallible;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use super::bags::{Surroundings, is_bag_at};
 use super::source::RecordingError;
@@ -18,15 +17,13 @@ pub(crate) enum TrajectorySource {
     File(PathBuf),
 }
 
-impl FromStr for TrajectorySource {
-    type Err = Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(match text {
-            "still" => Self::Still,
-            "odometry" => Self::Odometry,
-            path => Self::File(path.into()),
-        })
+impl From<OsString> for TrajectorySource {
+    fn from(name: OsString) -> Self {
+        match name.to_str() {
+            Some("still") => Self::Still,
+            Some("odometry") => Self::Odometry,
+            _ => Self::File(name.into()),
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Hits, turns};
+use crate::base::statistics::mean_and_deviation;
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::Progress;
 use crate::simulate::baselines::{Baselines, SCAN_PITCHES_DEG, Single, by_scans, search_step, strongest};
@@ -138,10 +139,8 @@ impl SomeSeen {
         let less = |own: u64, other: u64| own as i64 - other as i64;
         let gains: Vec<f64> =
             (0..BLOCKS).map(|block| less(self.without[block], other.without[block]) as f64).collect();
-        let mean = gains.iter().sum::<f64>() / BLOCKS as f64;
-        let squares = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>();
-        let sd = (squares * (BLOCKS - 1) as f64 / BLOCKS as f64).sqrt();
-        (less(self.union, other.union), sd)
+        let (_, deviation) = mean_and_deviation(&gains);
+        (less(self.union, other.union), deviation * (BLOCKS - 1) as f64 / (BLOCKS as f64).sqrt())
     }
 }
 
