@@ -23,8 +23,8 @@ const BALANCED_LEAF: usize = 4;
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Node {
-    /// Minimum x, y, z, then maximum, of each child. NaN where there is no child: no comparison with it holds.
-    pub planes: [[f32; WIDTH]; 6],
+    /// By axis the minimum and the maximum of each child. NaN where there is no child: no comparison with it holds.
+    pub planes: [[[f32; WIDTH]; 2]; 3],
     /// First triangle of a leaf, or the number of an inner node.
     pub first: [u32; WIDTH],
     /// Triangles of a leaf; 0 for an inner node.
@@ -196,12 +196,12 @@ fn widen(children: &mut Vec<u32>, nodes: &[Bvh2Node]) {
 }
 
 impl Node {
-    const EMPTY: Self = Self { planes: [[f32::NAN; WIDTH]; 6], first: [0; WIDTH], count: [0; WIDTH] };
+    const EMPTY: Self = Self { planes: [[[f32::NAN; WIDTH]; 2]; 3], first: [0; WIDTH], count: [0; WIDTH] };
 
     fn set_box(&mut self, side: usize, around: &Aabb) {
         for axis in 0..3 {
-            self.planes[axis][side] = around.min[axis];
-            self.planes[axis + 3][side] = around.max[axis];
+            self.planes[axis][0][side] = around.min[axis];
+            self.planes[axis][1][side] = around.max[axis];
         }
     }
 }
