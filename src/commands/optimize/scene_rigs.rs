@@ -16,7 +16,7 @@ use crate::simulate::view::{Fineness, Sampling};
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
 /// A search corrects its model, and may look coarsely: rays, and layers of height, m.
 const SEARCH_STEP_SHARE: f64 = 0.85;
-const SEARCH_LAYER_GAP_M: f64 = 0.15;
+const SEARCH_LAYER_GAP_M: f64 = 0.3;
 
 pub(super) fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
     let named = args.scene.sensors.len();

@@ -66,7 +66,7 @@ impl<'a> Run<'a, '_> {
                 best = Some((winner.objective(), rigs.clone(), findings));
             }
         }
-        let observable = self.judges.cast.observable(&self.weights.by_site);
+        let observable = self.weights.observable_by_site(found.iter().map(|(_, seen, _)| seen));
         let compared = found.into_iter().map(|(sensors, seen, objective)| CountDocument {
             sensors,
             unique_voxels: seen.union as u64,

@@ -32,6 +32,14 @@ pub(super) async fn watch(
     }
     let mut timeouts = DataTimeouts::new(listens.len(), begun);
     let mut low_disk_reported = false;
+    let mut report_low_disk = |recording: &LiveRecording| {
+        if let (Some(low), false) = (recording.session().low_disk(), low_disk_reported) {
+            low_disk_reported = true;
+            let left =
+                low.seconds_left.map_or(String::new(), |left| format!(", about {left:.0} s at this rate"));
+            bar.suspend(|| say(&format!("warning: {} left on the disk{left}", HumanBytes(low.free_bytes))));
+        }
+    };
     let mut clock_steps = 0;
     let mut unread = Vec::new();
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
@@ -65,13 +73,10 @@ pub(super) async fn watch(
             clock_steps += 1;
             bar.suspend(|| say(&format!("note: {words}; the session goes on as if it had not been")));
         }
-        if let (Some(low), false) = (recording.session().low_disk(), low_disk_reported) {
-            low_disk_reported = true;
-            let left =
-                low.seconds_left.map_or(String::new(), |left| format!(", about {left:.0} s at this rate"));
-            bar.suspend(|| say(&format!("warning: {} left on the disk{left}", HumanBytes(low.free_bytes))));
-        }
+        report_low_disk(recording);
     }
+    // a small disk is full before the next look
+    report_low_disk(recording);
     bar.finish_and_clear();
     Ok(unread)
 }

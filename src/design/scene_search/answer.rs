@@ -79,7 +79,7 @@ const CLIFF_SHARE: f64 = 0.01;
 /// Everything about the winner.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Answer {
-    /// By site the voxels that can be seen: those that the model knows, and no fewer than the rigs that were cast see together.
+    /// By site the voxels that can be seen: those that the model knows, and no fewer than a rig that was cast sees.
     #[serde(skip)]
     pub observable_voxels: Vec<u64>,
     #[serde(skip)]
@@ -201,7 +201,8 @@ impl SceneSearch<'_> {
         let mut rigs = vec![single, tilted];
         rigs.extend(present.cloned());
         let seen = cast.see(&rigs);
-        let observable = cast.observable(&self.weights.by_site);
+        let judged = exact.iter().map(|exact| &exact.seen).chain(&seen);
+        let observable = self.weights.observable_by_site(judged);
         let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, &observable);
         let mut judged: Vec<Judged> =
             rigs.iter().zip(&seen).map(|(rig, seen)| judged_of(rig, seen)).collect();

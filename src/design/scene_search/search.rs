@@ -14,13 +14,16 @@ use crate::simulate::view::{CellSites, Seen};
 
 /// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
 /// best mounts.
-const SPARSE: [usize; 3] = [8, 4, 1];
-const AGAIN: [usize; 3] = [48, 112, 0];
+const SPARSE: [usize; 3] = [8, 4, 2];
+const AGAIN: [usize; 3] = [48, 112, 32];
 /// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
 const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 /// Mounts from which a local search steps, and steps between two looks at which are best.
 const PARENTS: usize = 8;
 const CHILDREN: usize = 16;
+/// Groups of mounts by the signs of their pitches that the first local search follows side by side: the model ranks the mounts of a
+/// group, not always the groups.
+const PITCH_SIGNS: usize = 2;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
@@ -170,6 +173,11 @@ impl<'a> SceneSearch<'a> {
             }
             if count > 0 {
                 progress(self, "casting every beam of the mounts that correct the model");
+                if self.exact.is_empty() {
+                    let mut best = first_of_each(&self.by_pitch_signs(&self.ranked()), count);
+                    best.retain(|at| self.tried[*at].is_rough);
+                    self.look_again(&best);
+                }
                 self.judge_all(self.far_apart(count));
                 self.correct();
             }
@@ -327,11 +335,12 @@ impl<'a> SceneSearch<'a> {
         while self.tried.len() < limit && !stop.load(Ordering::Relaxed) {
             let done = (self.tried.len() - first) as f64 / (limit - first) as f64;
             let share = first_share * (last_share / first_share).powf(done);
-            let mut parents = self.ranked();
-            parents.truncate(PARENTS);
+            let ranked = self.ranked();
+            let mut parents = if round == 1 { self.by_pitch_signs(&ranked) } else { vec![ranked] };
+            parents.iter_mut().for_each(|parents| parents.truncate(PARENTS));
             let children = CHILDREN.min(limit - self.tried.len());
             let points: Vec<Vec<f64>> =
-                (0..children).map(|_| self.child(&parents, share, &mut rng)).collect();
+                (0..children).map(|at| self.child(&parents[at % parents.len()], share, &mut rng)).collect();
             self.look(&points, SPARSE[round]);
             progress(self, "looking at mounts around the best ones");
         }
@@ -393,7 +402,12 @@ impl<'a> SceneSearch<'a> {
         let ranked = self.ranked();
         let is_good = |at: &&usize| !self.tried[**at].is_rough && self.tried[**at].violation_m == 0.0;
         let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
-        let good: Vec<usize> = ranked.iter().filter(is_good).take(good).copied().collect();
+        let best: Vec<usize> = ranked.iter().filter(is_good).copied().collect();
+        let mut good = best[..good.min(best.len())].to_vec();
+        if self.exact.is_empty() {
+            // the model may prefer the wrong group
+            good = first_of_each(&self.by_pitch_signs(&best), count.max(good.len() / PITCH_SIGNS));
+        }
         let mut chosen: Vec<usize> = Vec::new();
         while chosen.len() < count.min(good.len()) {
             let nearest = |at: &usize| {
@@ -410,6 +424,20 @@ impl<'a> SceneSearch<'a> {
             chosen.push(farthest.1);
         }
         chosen
+    }
+
+    /// Ranked trials by which of the sensors are pitched up: the group of the best one first, the other groups but one left out.
+    fn by_pitch_signs(&self, ranked: &[usize]) -> Vec<Vec<usize>> {
+        let is_up = |at: usize| self.tried[at].mounts.iter().map(|mount| mount.pitch_rad > 0.0);
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        for at in ranked {
+            match groups.iter_mut().find(|own| is_up(own[0]).eq(is_up(*at))) {
+                Some(own) => own.push(*at),
+                None => groups.push(vec![*at]),
+            }
+        }
+        groups.truncate(PITCH_SIGNS);
+        groups
     }
 
     /// The best trials that were not judged and lie apart.
@@ -449,4 +477,9 @@ impl<'a> SceneSearch<'a> {
         let observed: Vec<(Vec<Mount>, f64)> = self.exact.iter().filter_map(error).collect();
         self.correction = Correction::fit(&observed);
     }
+}
+
+/// The first `count` of each list.
+fn first_of_each(lists: &[Vec<usize>], count: usize) -> Vec<usize> {
+    lists.iter().flat_map(|list| list.iter().take(count)).copied().collect()
 }

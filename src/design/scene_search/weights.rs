@@ -33,6 +33,17 @@ pub(crate) struct SceneWeights {
 }
 
 impl SceneWeights {
+    /// By site the voxels that can be seen: those that the model knows, and no fewer than a rig that was judged sees.
+    pub(crate) fn observable_by_site<'a>(&self, judged: impl Iterator<Item = &'a Seen>) -> Vec<u64> {
+        let mut observable = self.by_site.clone();
+        for seen in judged {
+            for (known, seen) in observable.iter_mut().zip(sites_of(seen)) {
+                *known = (*known).max(seen.union as u64);
+            }
+        }
+        observable
+    }
+
     pub(crate) fn new(rule: WeightRule, observable: u64) -> Self {
         Self::of_sites(rule, vec![observable], Criterion::Expected)
     }
@@ -107,9 +118,13 @@ impl SceneWeights {
 
 /// Share of what can be seen that a rig sees; the mean over several sites. `observable` is by site.
 pub(crate) fn share_of(seen: &Seen, observable: &[u64]) -> f64 {
-    let sites = if seen.by_site.is_empty() { std::slice::from_ref(seen) } else { &seen.by_site };
+    let sites = sites_of(seen);
     let share = |(seen, all): (&Seen, &u64)| seen.union / (*all).max(1) as f64;
     sites.iter().zip(observable).map(share).sum::<f64>() / sites.len() as f64
+}
+
+fn sites_of(seen: &Seen) -> &[Seen] {
+    if seen.by_site.is_empty() { std::slice::from_ref(seen) } else { &seen.by_site }
 }
 
 fn mean(counts: &[u64]) -> f64 {

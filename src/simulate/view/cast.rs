@@ -98,13 +98,7 @@ impl CastView {
         }
     }
 
-    /// How many voxels the rigs cast so far see together.
-    pub(crate) fn seen_by_any(&self) -> u64 {
-        let any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
-        any.iter().map(|word| u64::from(word.count_ones())).sum()
-    }
-
-    /// These voxels, ascending.
+    /// The voxels that the rigs cast so far see together, ascending.
     pub(crate) fn cells_seen_by_any(&self) -> Vec<usize> {
         let any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
         (0..64 * any.len()).filter(|cell| any[cell / 64] >> (cell % 64) & 1 != 0).collect()

@@ -32,11 +32,6 @@ impl CastSites {
         self.views.iter().map(|view| view.rays(rig)).sum()
     }
 
-    /// By site the voxels that can be seen: those that a model knows, and no fewer than the rigs that were cast see together.
-    pub(crate) fn observable(&self, of_model: &[u64]) -> Vec<u64> {
-        self.views.iter().zip(of_model).map(|(view, known)| view.seen_by_any().max(*known)).collect()
-    }
-
     /// The beams of a model and its revolutions at each site.
     pub(crate) fn fans_of(&self, model: &SensorModel) -> Vec<&(Fan, Scans)> {
         self.views.iter().map(|view| view.fan_of(model)).collect()

@@ -249,9 +249,7 @@ impl Grid {
                     rays.origin_m[axis][element] + distances_m[element] * rays.direction[axis][element];
                 let cell = (at_m - self.origin_m[axis]) * self.per_m;
                 inside[element] &= (cell >= 0.0) & (cell < self.cells[axis]);
-                // of what is not negative the whole part is the floor
-                indices[element] =
-                    indices[element].wrapping_add((cell as u32).wrapping_mul(self.stride[axis]));
+                indices[element] = indices[element].wrapping_add(whole(cell).wrapping_mul(self.stride[axis]));
             }
         }
         for element in 0..PACKET {
@@ -259,4 +257,15 @@ impl Grid {
         }
         indices
     }
+}
+
+/// The floor of what lies between 0 and 2^31, and something for the rest. What `as` does is done one by one.
+#[allow(unsafe_code)] // a conversion that is undefined outside its range
+#[inline(always)]
+fn whole(value: f32) -> u32 {
+    const MOST: f32 = 2_147_483_520.0;
+    let value = if value > 0.0 { value } else { 0.0 };
+    let value = if value < MOST { value } else { MOST };
+    // SAFETY: between 0 and the greatest number of f32 below 2^31; what is no number became 0
+    unsafe { value.to_int_unchecked::<i32>() as u32 }
 }

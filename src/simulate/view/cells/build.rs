@@ -49,9 +49,9 @@ pub(super) fn build(
     // by height, then by place
     let views: Vec<Vec<Record>> = (0..heights_m.len() * places.len())
         .into_par_iter()
-        .map(|at| {
+        .map_init(Patches::default, |patches, at| {
             let eye_m = DVec3::Z * heights_m[at / places.len()];
-            view(site, &map, &places[at % places.len()], eye_m, reach)
+            view(site, &map, &places[at % places.len()], eye_m, reach, patches)
         })
         .collect();
     let numbering = Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell));
@@ -137,9 +137,16 @@ impl Plan {
 }
 
 /// Everything that is seen from one place, a record for each voxel.
-fn view(site: &ViewSite, map: &SphereMap, place: &(DMat3, DVec3), eye_m: DVec3, reach: Reach) -> Vec<Record> {
-    let mut patches: Vec<Patch> = Vec::new();
-    let mut of_cell: HashMap<u32, u32, BuildHasherDefault<CellHasher>> = HashMap::default();
+fn view(
+    site: &ViewSite,
+    map: &SphereMap,
+    place: &(DMat3, DVec3),
+    eye_m: DVec3,
+    reach: Reach,
+    Patches { patches, of_cell }: &mut Patches,
+) -> Vec<Record> {
+    patches.clear();
+    of_cell.clear();
     let mut last = (u32::MAX, 0_u32);
     let is_free = |from_eye_m: DVec3| {
         let range_m = from_eye_m.length();
@@ -173,6 +180,13 @@ fn view(site: &ViewSite, map: &SphereMap, place: &(DMat3, DVec3), eye_m: DVec3, 
         }
     };
     patches.iter().map(record).collect()
+}
+
+/// The patches of a view, and which is whose: memory that a thread's next view takes over.
+#[derive(Default)]
+struct Patches {
+    patches: Vec<Patch>,
+    of_cell: HashMap<u32, u32, BuildHasherDefault<CellHasher>>,
 }
 
 /// What a view sees of a voxel.
@@ -212,7 +226,9 @@ pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan]
     let Ok(plan) = Plan::new(site, scans, &fineness, &[0.0], reach) else { return 0 };
     let map = SphereMap::new(plan.step_rad);
     let places = plan.places(site, scans);
-    let views: Vec<Vec<Record>> =
-        places.par_iter().map(|place| view(site, &map, place, DVec3::ZERO, reach)).collect();
+    let views: Vec<Vec<Record>> = places
+        .par_iter()
+        .map_init(Patches::default, |patches, place| view(site, &map, place, DVec3::ZERO, reach, patches))
+        .collect();
     Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell)).count() as u64
 }

@@ -376,21 +376,19 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
         let width_m = f32::from(block.width[element]) * layer.width_step_m;
         let square = x * x + y * y + z * z;
         let along_m = x * eye.axis[0] + y * eye.axis[1] + z * eye.axis[2];
-        let range_m = square.sqrt();
         let across = square - along_m * along_m;
-        let across_m = (if across > 1e-6 { across } else { 1e-6 }).sqrt();
-        // three quotients by one division, which costs more than all the rest
-        let inverse = 1.0 / (range_m * across_m * width_m);
-        let sine = along_m * (across_m * width_m * inverse);
-        let step = (sine - rows.low) * rows.per_sine;
+        let per_range = inverse_root(square);
+        let per_across = inverse_root(if across > 1e-6 { across } else { 1e-6 });
+        let range_m = square * per_range;
+        let step = (along_m * per_range - rows.low) * rows.per_sine;
         let step = if step > 0.0 { step } else { 0.0 };
         let step = if step < (STEPS - 1) as f32 { step } else { (STEPS - 1) as f32 };
         // the lowest digits of a number so large are the rounded step: a conversion that every instruction set has
         steps[element] = (step + LARGE).to_bits() & (STEPS - 1) as u32;
         ranges_m[element] = range_m;
         widths_m[element] = width_m;
-        columns[element] = width_m * width_m * rows.columns_per_rad * (range_m * inverse);
-        ranges_per_width[element] = square * across_m * inverse;
+        columns[element] = width_m * rows.columns_per_rad * per_across;
+        ranges_per_width[element] = range_m / width_m;
     }
     let mut distances_rad = [0.0_f32; WIDTH];
     for element in 0..WIDTH {
@@ -420,6 +418,16 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
         missed[element] = if is_met { 1.0 - row * column } else { 1.0 };
     }
     product(missed)
+}
+
+/// One over the root of a normal number, to a few millionths: a guess from its digits and two of Newton's steps, which together take
+/// less than a root alone. The guess: Lomont, Fast inverse square root, 2003.
+#[inline(always)]
+fn inverse_root(value: f32) -> f32 {
+    let half = 0.5 * value;
+    let guess = f32::from_bits(0x5f37_5a86 - (value.to_bits() >> 1));
+    let once = guess * (1.5 - half * guess * guess);
+    once * (1.5 - half * once * once)
 }
 
 #[inline(always)]
