@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::correction::{Correction, ModelError};
 use super::plan::{Judges, Plan};
+use super::state_file::Findings;
 use super::{RigSpace, SceneWeights};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
@@ -78,20 +79,6 @@ pub(crate) struct SceneSearch<'a> {
     /// What was found before, in the order in which the search asks.
     known: Findings,
     found: Findings,
-}
-
-/// What a search has found so far, in its order: with these it goes on, or again, as it did.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Findings {
-    /// J by the model, as looked at first.
-    pub scores: Vec<f64>,
-    /// Of the best of the spread and of the first local search, by all voxels.
-    pub again: Vec<f64>,
-    /// Of the rigs that were cast.
-    pub exact: Vec<Seen>,
-    /// Points with every beam, where the others were thinned.
-    #[serde(default)]
-    pub whole: Vec<(Vec<f64>, Seen)>,
 }
 
 /// How a search ended.

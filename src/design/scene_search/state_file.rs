@@ -7,14 +7,27 @@ use serde_json::{Value, json};
 
 use super::plan::Plan;
 use super::rig_space::RigSpace;
-use super::search::Findings;
 use super::weights::WeightRule;
 use crate::base::files;
 use crate::base::questions::first_difference;
 use crate::design::robustness::Criterion;
-use crate::simulate::view::{CastView, Quality, ViewSite};
+use crate::simulate::view::{CastView, Quality, Seen, ViewSite};
 
-const FORMAT: &str = "outrigger-scene-search/2";
+const FORMAT: &str = "outrigger-scene-search/3";
+
+/// What a search has found so far, in its order: with these it goes on, or again, as it did.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Findings {
+    /// J by the model, as looked at first.
+    pub scores: Vec<f64>,
+    /// Of the best of the spread and of the first local search, by all voxels.
+    pub again: Vec<f64>,
+    /// Of the rigs that were cast.
+    pub exact: Vec<Seen>,
+    /// Points with every beam, where the others were thinned.
+    #[serde(default)]
+    pub whole: Vec<(Vec<f64>, Seen)>,
+}
 
 /// Why a state file cannot be used.
 #[derive(Debug, thiserror::Error)]
