@@ -20,7 +20,7 @@ const FORMAT: &str = "outrigger-scene-search/3";
 pub(crate) struct Findings {
     /// J by the model, as looked at first.
     pub scores: Vec<f64>,
-    /// Of the best of the spread and of the first local search, by all voxels.
+    /// Of those looked at again, by all voxels.
     pub again: Vec<f64>,
     /// Of the rigs that were cast.
     pub exact: Vec<Seen>,

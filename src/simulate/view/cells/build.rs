@@ -182,7 +182,7 @@ fn view(
     patches.iter().map(record).collect()
 }
 
-/// The patches of a view, and which is whose: memory that a thread's next view takes over.
+/// The patches of a view, and the patch of each voxel: memory that a thread's next view takes over.
 #[derive(Default)]
 struct Patches {
     patches: Vec<Patch>,
