@@ -57,7 +57,8 @@ impl Instructions {
     }
 }
 
-/// What is compiled for each instruction set. `run` and what it calls must be `inline(always)`.
+/// What is compiled for each instruction set. `run` and what it calls must be `inline(always)`, and give no closure to
+/// `array::map` or `array::from_fn`, which stay calls of plain instructions.
 pub(crate) trait Kernel {
     type Output;
 

@@ -56,7 +56,7 @@ impl VoxelGrid {
             & (cell.y >= 0.0 && cell.y < ny as f64)
             & (cell.z >= 0.0 && cell.z < nz as f64);
         // of what is not negative the whole part is the floor; cells are far fewer than an i64 holds
-        let [i, j, k] = [cell.x, cell.y, cell.z].map(|value| value as i64 as usize);
+        let (i, j, k) = (cell.x as i64 as usize, cell.y as i64 as usize, cell.z as i64 as usize);
         is_inside.then(|| i + nx * (j + ny * k))
     }
 

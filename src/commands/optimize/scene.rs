@@ -126,7 +126,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     document.wall_s = start.elapsed().as_secs_f64();
     (document.by_count, document.warnings) = (by_count, warnings);
     let written = write(args, &rigs, &document, &winner.values)
-        .and_then(|()| write_page(args, cast, &document, &winner.rig, &sources));
+        .and_then(|()| write_page(args, (cast, search.model), &document, &winner.rig, &sources));
     output::print_result(context.json, &document, || document.summary(), &[])?;
     written?;
     Ok(Outcome::Done)

@@ -1,8 +1,6 @@
 //! Forward substitution for several right sides at once: half of what a search by a Gaussian process takes.
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 
-use std::array::from_fn;
-
 use nalgebra::DMatrix;
 
 use crate::base::instructions::{Instructions, Level};
@@ -55,10 +53,14 @@ fn solve_anywhere(lower: &[f64], right: &mut [[f64; WIDTH]]) {
             take_column(&lower[j * n..(j + 1) * n], j, next, right);
         }
         let (solved, below) = right.split_at_mut(next);
-        let solved: [[f64; WIDTH]; COLUMNS] = from_fn(|k| solved[first + k]);
-        let columns: [&[f64]; COLUMNS] = from_fn(|k| &lower[(first + k) * n + next..(first + k + 1) * n]);
+        let mut own = [[0.0; WIDTH]; COLUMNS];
+        own.copy_from_slice(&solved[first..]);
+        let mut columns: [&[f64]; COLUMNS] = [&[]; COLUMNS];
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = &lower[(first + k) * n + next..(first + k + 1) * n];
+        }
         for (row, values) in below.iter_mut().enumerate() {
-            for (column, solved) in columns.iter().zip(&solved) {
+            for (column, solved) in columns.iter().zip(&own) {
                 take(values, solved, column[row]);
             }
         }
@@ -71,7 +73,10 @@ fn solve_anywhere(lower: &[f64], right: &mut [[f64; WIDTH]]) {
 /// Solves row `j`, and takes its share out of the rows after it, as far as `end`.
 #[inline(always)]
 fn take_column(column: &[f64], j: usize, end: usize, right: &mut [[f64; WIDTH]]) {
-    let solved = right[j].map(|value| value / column[j]);
+    let mut solved = right[j];
+    for value in &mut solved {
+        *value /= column[j];
+    }
     right[j] = solved;
     for (values, l) in right[j + 1..end].iter_mut().zip(&column[j + 1..end]) {
         take(values, &solved, *l);
@@ -112,7 +117,7 @@ mod tests {
                 std::cmp::Ordering::Equal => 1.0 + rng.uniform(),
                 std::cmp::Ordering::Greater => rng.normal(),
             });
-            let right: Vec<[f64; WIDTH]> = (0..n).map(|_| from_fn(|_| rng.normal())).collect();
+            let right: Vec<[f64; WIDTH]> = (0..n).map(|_| std::array::from_fn(|_| rng.normal())).collect();
             let mut expected = right.clone();
             reference(&lower, &mut expected);
             for instructions in Instructions::available() {

@@ -390,11 +390,9 @@ impl<'a> SceneSearch<'a> {
         let is_good = |at: &&usize| !self.tried[**at].is_rough && self.tried[**at].violation_m == 0.0;
         let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
         let best: Vec<usize> = ranked.iter().filter(is_good).copied().collect();
-        let mut good = best[..good.min(best.len())].to_vec();
-        if self.exact.is_empty() {
-            // the model may prefer the wrong group
-            good = first_of_each(&self.by_pitch_signs(&best), count.max(good.len() / PITCH_SIGNS));
-        }
+        // before the first correction the model may prefer the wrong group
+        let groups = if self.exact.is_empty() { self.by_pitch_signs(&best) } else { vec![best] };
+        let good = first_of_each(&groups, good.div_ceil(groups.len().max(1)));
         let mut chosen: Vec<usize> = Vec::new();
         while chosen.len() < count.min(good.len()) {
             let nearest = |at: &usize| {

@@ -5,7 +5,7 @@ use crate::design::scene_search::{Judged, JudgedAtSite};
 use crate::report::chart::{LineChart, Series, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::Rig;
-use crate::simulate::view::{CastSites, CastView, ViewSite};
+use crate::simulate::view::{CastSites, CastView, CellSites, CellView, ViewSite};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 
@@ -14,23 +14,22 @@ struct Pictured<'a> {
     name: &'a str,
     site: &'a ViewSite,
     coverage: Coverage,
-    /// Voxels that some rig saw.
+    /// Voxels that can be seen from the trajectory, ascending.
     observable: Vec<usize>,
     origin: LocalOrigin,
 }
 
 impl<'a> Pictured<'a> {
-    fn new(rig: &Rig, (view, source): (&'a CastView, &'a SiteSource)) -> Self {
-        Self {
-            name: &source.scene,
-            site: view.site(),
-            coverage: view.cover(rig),
-            observable: view.cells_seen_by_any(),
-            origin: source.origin,
-        }
+    fn new(rig: &Rig, view: &'a CastView, model: &CellView, source: &'a SiteSource) -> Self {
+        let coverage = view.cover(rig);
+        let mut observable = coverage.union_cells();
+        observable.extend(model.observable_cells());
+        observable.sort_unstable();
+        observable.dedup();
+        Self { name: &source.scene, site: view.site(), coverage, observable, origin: source.origin }
     }
 
-    /// Of groups of voxels that another mount saw and this one does not the largest.
+    /// Of groups of voxels that can be seen and that the rig does not see the largest.
     fn blind_spots(&self) -> Vec<BlindSpot> {
         let is_unseen = |cell: &usize| figures::who_covers(&self.coverage, *cell) == figures::UNSEEN;
         let unseen = self.observable.iter().copied().filter(is_unseen);
@@ -43,11 +42,13 @@ impl<'a> Pictured<'a> {
 pub(crate) fn page(
     document: &Document,
     rig: &Rig,
-    (cast, sources): (&CastSites, &[SiteSource]),
+    (cast, model): (&CastSites, &CellSites),
+    sources: &[SiteSource],
     made_by: &str,
 ) -> Report {
-    let places = cast.views().iter().zip(sources);
-    let sites: Vec<Pictured<'_>> = places.map(|place| Pictured::new(rig, place)).collect();
+    let views = cast.views().iter().zip(model.views()).zip(sources);
+    let sites: Vec<Pictured<'_>> =
+        views.map(|((view, model), source)| Pictured::new(rig, view, model, source)).collect();
     let mut page = Report::new("Mounts for a scene", &document.sentence(), made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
     document.quality_line().iter().for_each(|line| page.paragraph(&format!("Counted: {line}.")));
@@ -66,8 +67,8 @@ pub(crate) fn page(
                 &pictured.blind_spots(),
                 *origin,
             ),
-            "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that another mount \
-             of the search saw and this one does not.",
+            "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that can be \
+             seen from the trajectory and that this mount does not see.",
         );
     }
     mounts(&mut page, document);
@@ -88,7 +89,7 @@ fn from_above(page: &mut Report, document: &Document, rig: &Rig, pictured: &Pict
     let above = FromAbove::new(site.scene.bounds_m(), voxel_m, figures::WHO_CLASSES);
     let mut above = above.around(*origin).with_rig(&site.trajectory, rig);
     figures::who_covers_each(coverage, observable).for_each(|(place_m, class)| above.add(place_m, class));
-    let classes = figures::who_classes(&names, "seen by another mount only");
+    let classes = figures::who_classes(&names, "observable, but unseen");
     figures::from_above(page, &above, &classes, "scene");
     figures::blind_spot_table(page, &pictured.blind_spots(), voxel_m);
 }

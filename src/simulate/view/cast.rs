@@ -1,7 +1,7 @@
 //! Every beam cast; only the bit of its voxel is stored.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU16, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -47,8 +47,6 @@ pub struct CastView {
     min_hits: u16,
     instructions: Instructions,
     observable: OnceLock<u64>,
-    /// Voxels that any rig cast so far sees.
-    seen_by_any: Arc<Mutex<Vec<u64>>>,
 }
 
 impl CastView {
@@ -76,7 +74,6 @@ impl CastView {
             min_hits: sampling.quality.min_hits,
             instructions: Instructions::best(),
             observable: OnceLock::new(),
-            seen_by_any: Arc::default(),
         })
     }
 
@@ -94,14 +91,7 @@ impl CastView {
             min_hits: self.min_hits,
             instructions: self.instructions,
             observable: self.observable.clone(),
-            seen_by_any: Arc::clone(&self.seen_by_any),
         }
-    }
-
-    /// The voxels that the rigs cast so far see together, ascending.
-    pub(crate) fn cells_seen_by_any(&self) -> Vec<usize> {
-        let any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
-        (0..64 * any.len()).filter(|cell| any[cell / 64] >> (cell % 64) & 1 != 0).collect()
     }
 
     /// Where it looks.
@@ -299,16 +289,6 @@ impl CastView {
     }
 }
 
-impl CastView {
-    fn note(&self, bitmaps: &[Vec<Vec<u64>>]) {
-        let mut any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
-        for bitmap in bitmaps.iter().flatten() {
-            any.resize(bitmap.len(), 0);
-            any.iter_mut().zip(bitmap).for_each(|(any, word)| *any |= word);
-        }
-    }
-}
-
 impl View for CastView {
     fn observable(&self) -> u64 {
         let units: Vec<&Fan> = self.units.iter().map(|(fan, _)| fan).collect();
@@ -323,7 +303,6 @@ impl View for CastView {
         let together = (BITMAP_BYTES / bytes_of_rig.max(1)).max(1);
         let seen = |rigs: &[Rig]| {
             let bitmaps = self.bitmaps(rigs);
-            self.note(&bitmaps);
             let of = |(rig, bitmaps): (&Rig, &Vec<Vec<u64>>)| {
                 let bitmaps: Vec<&[u64]> = bitmaps.iter().map(Vec::as_slice).collect();
                 Seen::exact(&Counts::of_bitmaps(&bitmaps), self.rays(rig))

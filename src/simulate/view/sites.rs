@@ -54,6 +54,10 @@ impl CellSites {
         Self { views, scales }
     }
 
+    pub(crate) fn views(&self) -> &[CellView] {
+        &self.views
+    }
+
     /// What they took: sums, and the coarsest rays.
     pub(crate) fn cost(&self) -> BuildCost {
         let costs = self.views.iter().map(CellView::cost);

@@ -96,7 +96,11 @@ impl Column {
 
     #[inline(always)]
     fn turned(&self, v: [f32; 4]) -> [f32; 4] {
-        std::array::from_fn(|at| self.axes[0][at] * v[0] + self.axes[1][at] * v[1] + self.axes[2][at] * v[2])
+        let mut turned = [0.0; 4];
+        for (at, value) in turned.iter_mut().enumerate() {
+            *value = self.axes[0][at] * v[0] + self.axes[1][at] * v[1] + self.axes[2][at] * v[2];
+        }
+        turned
     }
 }
 

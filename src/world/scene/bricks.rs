@@ -20,20 +20,21 @@ const LISTED: usize = 8;
 /// Cell around a point, for cells of edge `1 / per_m`. Saturates far outside, where no brick is.
 #[inline]
 pub(crate) fn cell_of(point_m: DVec3, per_m: f64) -> [i32; 3] {
-    [point_m.x, point_m.y, point_m.z].map(|value| {
+    let cell = |value: f64| {
         let scaled = value * per_m;
         let towards_zero = scaled as i32;
         // floor, without the function call that it is on processors before SSE 4.1
         towards_zero.saturating_sub(i32::from(scaled < f64::from(towards_zero)))
-    })
+    };
+    [cell(point_m.x), cell(point_m.y), cell(point_m.z)]
 }
 
 /// Brick of a cell, and the cell's number in it, x fastest. The same from bricks to regions.
 #[inline]
-pub(crate) fn split(cell: [i32; 3]) -> ([i32; 3], usize) {
+pub(crate) fn split([x, y, z]: [i32; 3]) -> ([i32; 3], usize) {
     // arithmetic shift and mask: floor division by 8 and its rest
-    let inside = cell.map(|value| (value & (EDGE - 1)) as usize);
-    (cell.map(|value| value >> 3), inside[0] + 8 * (inside[1] + 8 * inside[2]))
+    let inside = |value: i32| (value & (EDGE - 1)) as usize;
+    ([x >> 3, y >> 3, z >> 3], inside(x) + 8 * (inside(y) + 8 * inside(z)))
 }
 
 /// Numbers of bricks: 0, 1, 2, ... in order of arrival. Open addressing with linear probing over regions.

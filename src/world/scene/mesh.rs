@@ -193,8 +193,7 @@ impl Mesh {
         directions: &[DVec3],
         mut report: impl FnMut(usize, Option<(f64, u32)>),
     ) {
-        let corners_m =
-            |triangle: u32| self.triangles[triangle as usize].map(|index| self.vertices_m[index as usize]);
+        let corners_m = |triangle: u32| self.corners(triangle as usize);
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
             self.tree.cast_precise(corners_m, origins, directions, |element, met| {
@@ -260,7 +259,8 @@ impl Mesh {
     }
 
     fn corners(&self, triangle: usize) -> [DVec3; 3] {
-        self.triangles[triangle].map(|index| self.vertices_m[index as usize])
+        let [a, b, c] = self.triangles[triangle];
+        [self.vertices_m[a as usize], self.vertices_m[b as usize], self.vertices_m[c as usize]]
     }
 
     fn triangle_area_m2(&self, triangle: usize) -> f64 {

@@ -27,7 +27,8 @@ const MOST_RAYS: f64 = 120e6;
 pub(super) struct Built {
     pub layers: Vec<Layer>,
     pub heights_m: Vec<f64>,
-    pub voxels: usize,
+    /// By number, ascending.
+    pub voxels: Vec<u32>,
     pub cost: BuildCost,
 }
 
@@ -73,7 +74,7 @@ pub(super) fn build(
         is_bound_by_memory: plan.is_bound_by_memory,
         is_bound_by_rays: plan.is_bound_by_rays,
     };
-    Ok(Built { voxels: numbering.count(), layers, heights_m, cost })
+    Ok(Built { voxels: numbering.cells(), layers, heights_m, cost })
 }
 
 fn nothing_visible(site: &ViewSite) -> ViewError {

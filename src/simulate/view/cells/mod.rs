@@ -67,7 +67,8 @@ pub struct CellView {
     units: Vec<CellUnit>,
     heights_m: Vec<f64>,
     layers: Vec<Layer>,
-    voxels: usize,
+    /// Of the grid, ascending: what can be seen from the trajectory.
+    voxels: Vec<u32>,
     /// Voxels that some good rig of the search may miss.
     open: Vec<u32>,
     /// Returns that make a voxel count.
@@ -127,7 +128,7 @@ impl CellView {
         Ok(Self {
             units: fans.into_iter().zip(&scans).map(unit).collect(),
             heights_m: built.heights_m,
-            open: (0..built.voxels as u32).collect(),
+            open: (0..built.voxels.len() as u32).collect(),
             voxels: built.voxels,
             min_hits: sampling.quality.min_hits,
             layers: built.layers,
@@ -140,9 +141,14 @@ impl CellView {
         self.cost
     }
 
+    /// Voxels of the grid that can be seen from the trajectory, ascending.
+    pub(crate) fn observable_cells(&self) -> impl Iterator<Item = usize> + '_ {
+        self.voxels.iter().map(|cell| *cell as usize)
+    }
+
     /// Voxels that `see_roughly` takes to be seen.
     pub(crate) fn certain_voxels(&self) -> usize {
-        self.voxels - self.open.len()
+        self.voxels.len() - self.open.len()
     }
 
     /// What each of these rigs of a search sees, by every `stride`-th of the voxels that one of its rigs may miss, and by few
@@ -150,9 +156,9 @@ impl CellView {
     pub(crate) fn see_roughly(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
         let at_most = |stride: usize, voxels: usize| stride.min(voxels / ENOUGH).max(1);
         if self.min_hits > 1 {
-            return self.see_sparsely(rigs, at_most(stride, self.voxels));
+            return self.see_sparsely(rigs, at_most(stride, self.voxels.len()));
         }
-        let overlap_stride = at_most(OVERLAP_STRIDE, self.voxels);
+        let overlap_stride = at_most(OVERLAP_STRIDE, self.voxels.len());
         let stride = at_most(stride, self.open.len());
         let open: Vec<u32> = self.open.iter().step_by(stride).copied().collect();
         let scale = self.open.len() as f64 / open.len().max(1) as f64;
@@ -175,8 +181,8 @@ impl CellView {
 
     /// What each of these rigs sees, by every `stride`-th voxel.
     pub(crate) fn see_sparsely(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
-        let chosen: Vec<u32> = (0..self.voxels as u32).step_by(stride).collect();
-        let scale = self.voxels as f64 / chosen.len().max(1) as f64;
+        let chosen: Vec<u32> = (0..self.voxels.len() as u32).step_by(stride).collect();
+        let scale = self.voxels.len() as f64 / chosen.len().max(1) as f64;
         rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs, &chosen, scale)).collect()
     }
 
@@ -187,14 +193,14 @@ impl CellView {
             return;
         }
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
-        let all: Vec<u32> = (0..self.voxels as u32).collect();
+        let all: Vec<u32> = (0..self.voxels.len() as u32).collect();
         let open = self.by_chunk(&all, &eyes, |looking| Instructions::best().run(Uncertain(looking)));
         self.open = open.concat();
     }
 
     /// Looks at every voxel again: for another search.
     pub(crate) fn unfocus(&mut self) {
-        self.open = (0..self.voxels as u32).collect();
+        self.open = (0..self.voxels.len() as u32).collect();
     }
 
     fn by_chunk<T: Send>(
@@ -238,7 +244,7 @@ impl CellView {
 
 impl View for CellView {
     fn observable(&self) -> u64 {
-        self.voxels as u64
+        self.voxels.len() as u64
     }
 
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {

@@ -26,6 +26,12 @@ impl Numbering {
         self.count
     }
 
+    /// The voxels that are seen, by number.
+    pub(crate) fn cells(&self) -> Vec<u32> {
+        let is_seen = |cell: &u32| self.seen[*cell as usize / 64] >> (cell % 64) & 1 != 0;
+        (0..64 * self.seen.len() as u32).filter(is_seen).collect()
+    }
+
     /// The number of a voxel that is seen.
     pub(crate) fn of(&self, cell: u32) -> u32 {
         let word = cell as usize / 64;
@@ -42,6 +48,7 @@ mod tests {
         let cells = [130, 3, 64, 63, 3, 130, 199];
         let numbering = Numbering::new(200, cells.into_iter());
         assert_eq!(numbering.count(), 5);
+        assert_eq!(numbering.cells(), [3, 63, 64, 130, 199]);
         assert_eq!([3, 63, 64, 130, 199].map(|cell| numbering.of(cell)), [0, 1, 2, 3, 4]);
     }
 }

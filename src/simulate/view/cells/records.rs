@@ -59,8 +59,9 @@ impl Layer {
             for records in own.chunks(WIDTH) {
                 let mut block = Block::EMPTY;
                 for (element, record) in records.iter().enumerate() {
-                    let [x, y, z] = record.at_m.map(|value| (value / step_m).round() as i16);
-                    (block.x[element], block.y[element], block.z[element]) = (x, y, z);
+                    let [x, y, z] = record.at_m;
+                    let steps = |value: f32| (value / step_m).round() as i16;
+                    (block.x[element], block.y[element], block.z[element]) = (steps(x), steps(y), steps(z));
                     block.width[element] = (record.width_m / width_step_m).round().max(1.0) as u16;
                 }
                 layer.blocks.push(block);

@@ -48,11 +48,16 @@ struct Hull {
 }
 
 impl Hull {
-    /// The near and the far planes of a node's children along an axis.
+    /// The near and the far planes of a node's children, by axis.
     #[inline(always)]
-    fn sorted<'a>(&self, axis: usize, node: &'a Node) -> [&'a [f32; WIDTH]; 2] {
-        let is_forward = self.is_forward[axis];
-        [usize::from(!is_forward), usize::from(is_forward)].map(|place| &node.planes[axis][place])
+    fn planes<'a>(&self, node: &'a Node) -> [[&'a [f32; WIDTH]; 2]; 3] {
+        [self.along(0, node), self.along(1, node), self.along(2, node)]
+    }
+
+    #[inline(always)]
+    fn along<'a>(&self, axis: usize, node: &'a Node) -> [&'a [f32; WIDTH]; 2] {
+        let is_forward = usize::from(self.is_forward[axis]);
+        [&node.planes[axis][1 - is_forward], &node.planes[axis][is_forward]]
     }
 }
 
@@ -157,7 +162,7 @@ impl<const N: usize> Packet<N> {
     pub(crate) fn enters(&self, node: &Node) -> ([f32; WIDTH], u32) {
         let hull = &self.hull;
         let [low_x, high_x] = &node.planes[0];
-        let planes: [[&[f32; WIDTH]; 2]; 3] = std::array::from_fn(|axis| hull.sorted(axis, node));
+        let planes = hull.planes(node);
         let mut near = [0.0_f32; WIDTH];
         let mut is_met = [false; WIDTH];
         for side in 0..WIDTH {
@@ -189,9 +194,8 @@ impl<const N: usize> Packet<N> {
 
     #[inline(always)]
     fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> u32 {
-        let hull = &self.hull;
-        let planes: [[f32; 2]; 3] =
-            std::array::from_fn(|axis| hull.sorted(axis, node).map(|planes| planes[side]));
+        let [x, y, z] = self.hull.planes(node);
+        let planes = [[x[0][side], x[1][side]], [y[0][side], y[1][side]], [z[0][side], z[1][side]]];
         let mut is_met = [false; N];
         for (element, is_met) in is_met.iter_mut().enumerate() {
             let mut near = 0.0_f32;
@@ -267,10 +271,14 @@ impl Packet<PACKET> {
     }
 
     /// Distance of every element's triangle, m; infinite where it met none.
+    #[inline(always)]
     pub(crate) fn distances(&self) -> [f32; PACKET] {
-        std::array::from_fn(
-            |element| if self.won[element] == NONE { f32::INFINITY } else { self.nearest[element] },
-        )
+        let mut distances_m = [f32::INFINITY; PACKET];
+        for (element, distance_m) in distances_m.iter_mut().enumerate() {
+            let is_met = self.won[element] != NONE;
+            *distance_m = if is_met { self.nearest[element] } else { f32::INFINITY };
+        }
+        distances_m
     }
 }
 
@@ -280,14 +288,23 @@ fn bits<const N: usize>(is_set: [bool; N]) -> u32 {
     let (eights, rest) = is_set.as_chunks::<8>();
     let mut all = 0;
     for (place, pair) in eights.chunks(2).enumerate() {
-        let [low, high] =
-            [0, 1].map(|at| pair.get(at).map_or(0, |eight| u64::from_le_bytes(eight.map(u8::from))));
+        let low = eight_bytes(&pair[0]);
+        let high = if pair.len() > 1 { eight_bytes(&pair[1]) } else { 0 };
         all |= sixteen_bits(low, high) << (16 * place);
     }
     for (place, is_set) in rest.iter().enumerate() {
         all |= u32::from(*is_set) << (N - rest.len() + place);
     }
     all
+}
+
+#[inline(always)]
+fn eight_bytes(is_set: &[bool; 8]) -> u64 {
+    let mut bytes = [0; 8];
+    for element in 0..8 {
+        bytes[element] = u8::from(is_set[element]);
+    }
+    u64::from_le_bytes(bytes)
 }
 
 /// The lowest bits of sixteen bytes: the compiler does not find the instruction.

@@ -54,17 +54,18 @@ impl CellWalk {
 
     /// On to the first cell outside the brick, as by one step after the other.
     pub(super) fn leave_brick(&mut self) -> (f64, usize) {
-        let within = [0, 1, 2].map(|axis| {
+        let within = |axis: usize| {
             let inside = self.cell[axis] & (EDGE - 1);
             if self.step[axis] > 0 { EDGE - 1 - inside } else { inside }
-        });
+        };
+        let within = [within(0), within(1), within(2)];
         let after_m = |axis: usize, faces: i32| {
             self.first_m[axis] + (self.passed[axis] + f64::from(faces)) * self.between_m[axis]
         };
-        let out_m = [0, 1, 2].map(|axis| after_m(axis, within[axis]));
+        let out_m = [after_m(0, within[0]), after_m(1, within[1]), after_m(2, within[2])];
         let axis = nearest(out_m);
         let walked_m = out_m[axis];
-        let faces = [0, 1, 2].map(|of| {
+        let faces = |of: usize| {
             if of == axis {
                 return within[axis] + 1;
             }
@@ -82,8 +83,8 @@ impl CellWalk {
                 faces += 1;
             }
             faces
-        });
-        for (of, faces) in faces.into_iter().enumerate() {
+        };
+        for (of, faces) in [faces(0), faces(1), faces(2)].into_iter().enumerate() {
             self.pass(of, faces);
         }
         (walked_m, axis)
