@@ -23,6 +23,7 @@ pub const CASES: &[Case] = &[
     with_shared("clouds_of_a_bag_become_point_files", cloud_files),
     with_shared("packets_go_from_capture_to_bags_and_back_bit_for_bit", round_trips),
     with_shared("a_bag_is_cut_by_time_and_sensor", cut_by_time),
+    with_shared("points_that_are_not_there_are_not_written", nothing_to_write),
     with_shared("an_mcap_file_states_where_sensor_and_rig_were", stated_transforms),
     with_shared("a_bag_that_ends_early_gives_what_is_before_and_says_so", ended_early),
 ];
@@ -313,6 +314,37 @@ fn cut_by_time() {
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("no packet of sensor nobody; there are ouster"), "{}", stderr(&output));
     assert!(captured(&path) == expected, "the file of before is still there");
+}
+
+/// No file, no folder, and no success either; inertial samples alone are something.
+fn nothing_to_write() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (whole, rest) = (bag("os0_windowed_none.bag"), at("rest.mcap"));
+    let output = outrigger(&["cut", text_of(&whole), "--from", "0.06", "-o", text_of(&rest)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let decoded = |recording: &Path, name: &str, more: &[&str]| {
+        outrigger(&[&["decode", text_of(recording), "-o", text_of(&at(name))], more].concat())
+    };
+    let clouds = bag("backpack_room.mcap");
+    let far = ["--clip", "900,900,900,901,901,901"];
+    for (recording, name, format, is_far) in [
+        (&rest, "none.laz", "laz", false),
+        (&rest, "none/", "ply", false),
+        (&clouds, "none.laz", "laz", true),
+        (&clouds, "none", "mcap", true),
+        (&whole, "none", "ply", true),
+    ] {
+        let more = [&["--format", format][..], if is_far { &far } else { &[] }].concat();
+        let message = if is_far { "no point is left" } else { "no point in 0 frames" };
+        let output = decoded(recording, name, &more);
+        assert_eq!(output.status.code(), Some(1), "{name} {more:?}");
+        assert!(stderr(&output).contains(message), "{name} {more:?}: {}", stderr(&output));
+        assert!(!at(name).exists(), "{name} {more:?}");
+    }
+    let output = decoded(&rest, "inertial.mcap", &[]);
+    assert!(output.status.success() && at("inertial.mcap").exists(), "{}", stderr(&output));
+    assert!(outrigger(&["decode", text_of(&rest)]).status.success(), "nothing is to be written");
 }
 
 /// A trajectory of some seconds around this time (s), which walks and turns.

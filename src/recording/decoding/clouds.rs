@@ -70,12 +70,13 @@ pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Resul
     }
     let topics = sources.iter().map(|(topic, source)| (&clouds.topics()[*topic], source.as_ref()));
     document.conclude_clouds(recording, topics, clouds.losses());
-    document.add_registration(&Placing { mounts: None, registration, recording }, notices);
+    let placing = Placing { mounts: None, registration, recording };
+    document.add_registration(&placing, notices);
     if document.is_empty() {
         let (recording, notices) = (recording.name(), document.notices().join("; "));
         return Err(DecodingError::NoCloud { recording, notices });
     }
-    document.close(spec, output)
+    document.close(spec, output, &placing.registration)
 }
 
 /// How the clouds are moved, and the frame that they are moved to before a trajectory moves them on.

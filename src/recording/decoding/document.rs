@@ -19,6 +19,7 @@ use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
 use crate::recording::inspection::losses;
 use crate::recording::mounted::Mounts;
+use crate::recording::registered::Registration;
 use crate::recording::source::{Ending, Recording};
 use crate::recording::{sensor_ids, unread};
 
@@ -296,11 +297,12 @@ impl Document {
         self.losses.extend(losses);
     }
 
-    /// Closes the files; refuses a range of frames in which no sensor has one.
+    /// Closes the files; refuses a range of frames in which no sensor has one, and files without points.
     pub(super) fn close(
         mut self,
         spec: &DecodingSpec,
         output: Option<Output>,
+        registration: &Registration,
     ) -> Result<Self, DecodingError> {
         let has_frames = self.sensors.iter().any(|sensor| !sensor.frames.is_empty());
         if let Some(asked) = spec.wanted_frames().filter(|_| !has_frames) {
@@ -308,9 +310,17 @@ impl Document {
             let found = self.sensors.iter().map(has).collect::<Vec<_>>().join(", ");
             return Err(DecodingError::FewerFrames { asked: asked.to_string(), found });
         }
-        if let Some(output) = output {
-            self.files = output.finish()?;
+        let Some(output) = output else { return Ok(self) };
+        if output.holds_nothing(spec.is_selective()) {
+            return Err(match registration.losses() {
+                Some(loss) => DecodingError::NothingPlaced { loss },
+                None if spec.is_selective() => DecodingError::NothingLeft,
+                None => DecodingError::NoPoint {
+                    frames: self.sensors.iter().map(|sensor| sensor.totals.frames).sum(),
+                },
+            });
         }
+        self.files = output.finish()?;
         Ok(self)
     }
 

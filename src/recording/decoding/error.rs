@@ -51,6 +51,11 @@ pub(crate) enum DecodingError {
         "nothing is written: no point is left by what was asked for (frames, times, sensors, ranges, box)"
     )]
     NothingLeft,
+    #[error(
+        "nothing is written: no point in {frames} frames; expected revolutions with returns (`outrigger inspect` lists what the \
+         recording holds)"
+    )]
+    NoPoint { frames: usize },
     #[error("--sensor {name}: no packet of it; there are {known}")]
     UnknownSensor { name: String, known: String },
     #[error("--frames {asked}: the recording has fewer, counted from 0: {found}")]

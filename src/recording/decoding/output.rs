@@ -33,6 +33,7 @@ pub(super) struct Output {
     frame: FileFrame,
     force: bool,
     points: u64,
+    has_inertial_samples: bool,
     sources: HashMap<usize, Arc<Source>>,
     clouds: HashMap<usize, Cloud>,
     ids: Vec<String>,
@@ -112,6 +113,7 @@ impl Output {
             frame,
             force: spec.is_forced,
             points: 0,
+            has_inertial_samples: false,
             sources: HashMap::new(),
             clouds: HashMap::new(),
             ids: Vec::new(),
@@ -120,7 +122,7 @@ impl Output {
         }))
     }
 
-    /// Writes the points of a frame, the sensor's `number`th.
+    /// Writes the points of a frame, the sensor's `number`th, if there are any.
     pub(super) fn add(
         &mut self,
         at: usize,
@@ -134,6 +136,9 @@ impl Output {
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
         let transforms = placing.apply(at, sensor, frame, cloud)?;
+        if cloud.points.is_empty() {
+            return Ok(());
+        }
         self.add_transforms(at, &transforms)?;
         self.write(at, number)
     }
@@ -162,7 +167,7 @@ impl Output {
         Ok(())
     }
 
-    /// Writes points that a bag holds, the topic's `number`th.
+    /// Writes points that a bag holds, the topic's `number`th cloud, if there are any.
     pub(super) fn add_cloud(
         &mut self,
         at: usize,
@@ -170,6 +175,9 @@ impl Output {
         cloud: Cloud,
         transforms: &Transforms,
     ) -> Result<(), DecodingError> {
+        if cloud.points.is_empty() {
+            return Ok(());
+        }
         self.clouds.insert(at, cloud);
         self.add_transforms(at, transforms)?;
         self.write(at, number)
@@ -220,6 +228,7 @@ impl Output {
         if let Destination::File { path, export, bag, .. } = &mut self.destination {
             let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
             file.add_imu(&source, sample, host_time_ns)?;
+            self.has_inertial_samples = true;
         }
         Ok(())
     }
@@ -229,9 +238,9 @@ impl Output {
         Arc::clone(self.sources.entry(at).or_insert_with(|| Arc::new(describe())))
     }
 
-    /// Points that were written so far.
-    pub(super) fn points(&self) -> u64 {
-        self.points
+    /// Whether the files would be empty. Inertial samples alone are something, except where points were selected.
+    pub(super) fn holds_nothing(&self, is_selective: bool) -> bool {
+        self.points == 0 && (is_selective || !self.has_inertial_samples)
     }
 
     /// Ends the last file; lists all of them.

@@ -86,23 +86,7 @@ pub(crate) fn decode(
         let why = unread::why_nothing(recording, &router, &ending);
         return Err(RecordingError::NothingRead(why).into());
     }
-    ensure_points(spec, output.as_ref(), &placing.registration)?;
-    document.close(spec, output)
-}
-
-/// Refuses to write a file without points.
-fn ensure_points(
-    spec: &DecodingSpec,
-    output: Option<&Output>,
-    registration: &Registration,
-) -> Result<(), DecodingError> {
-    if output.is_none_or(|output| output.points() > 0) || !spec.is_selective() {
-        return Ok(());
-    }
-    Err(match registration.losses() {
-        Some(loss) => DecodingError::NothingPlaced { loss },
-        None => DecodingError::NothingLeft,
-    })
+    document.close(spec, output, &placing.registration)
 }
 
 /// Refuses the name of a sensor that the recording does not hold.
