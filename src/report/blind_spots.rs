@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
+use crate::base::numbers::counted;
 use crate::report::chart::number;
 use crate::world::coverage::VoxelGrid;
 use crate::world::local_origin::LocalOrigin;
@@ -24,8 +25,8 @@ impl BlindSpot {
     pub(crate) fn words(&self) -> String {
         let metres = |values: [f64; 3], digits| values.map(|value| number(value, digits)).join(", ");
         format!(
-            "{} voxels around ({}) m, {} m",
-            number(self.cells as f64, 0),
+            "{} around ({}) m, {} m",
+            counted(self.cells as u64, "voxel"),
             metres(self.centre_m, 1),
             metres(self.extent_m, 1).replace(", ", " × ")
         )

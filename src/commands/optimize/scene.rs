@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use super::args::Args;
 use super::scene_document::{write, write_page};
 use super::scene_rigs::{fineness, largest, present, rig_space, sampling};
-use super::scene_runs::{Run, asked};
+use super::scene_runs::{Run, asked, compared};
 use super::site::sites;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
@@ -101,7 +101,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Views { mut model, judges, weights } = views;
     let run = Run { args, judges: &judges, weights, evaluations, seed, stage: &stage, stop: &stop };
     let cast = &judges.cast;
-    let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
+    let (rigs, known, found) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
     stage.next("casting what the best mount is compared with");
     let answer = search.answer(&mut end.exact, present.as_ref().map(|(_, rig)| rig));
@@ -122,11 +122,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
     warnings[of_answer..].iter().for_each(|warning| output::say_notice(warning));
+    let by_count = compared(&found, &answer.observable_voxels);
     let mut document = Document::new(&asked, cast, &search, &end, answer, &sources);
     document.wall_s = start.elapsed().as_secs_f64();
     (document.by_count, document.warnings) = (by_count, warnings);
     let written = write(args, &rigs, &document, &winner.values)
-        .and_then(|()| write_page(args, (cast, search.model), &document, &winner.rig, &sources));
+        .and_then(|()| write_page(args, cast, &document, &winner.rig, &sources));
     output::print_result(context.json, &document, || document.summary(), &[])?;
     written?;
     Ok(Outcome::Done)

@@ -8,7 +8,7 @@ use crate::commands::output;
 use crate::design::scene_search::RigSpace;
 use crate::report::scene_search::{Document, SiteSource, masters, page};
 use crate::rig::{MountFile, Rig};
-use crate::simulate::view::{CastSites, CellSites};
+use crate::simulate::view::CastSites;
 
 pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> anyhow::Result<()> {
     if let Some(path) = &args.csv {
@@ -26,13 +26,13 @@ pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &
 /// The page of `--report`.
 pub(super) fn write_page(
     args: &Args,
-    views: (&CastSites, &CellSites),
+    cast: &CastSites,
     document: &Document,
     best: &Rig,
     sources: &[SiteSource],
 ) -> anyhow::Result<()> {
     let Some(path) = &args.report else { return Ok(()) };
-    page(document, best, views, sources, &output::again())
+    page(document, best, cast, sources, &output::again())
         .write(path)
         .with_context(|| path.display().to_string())
 }

@@ -10,8 +10,8 @@ use crate::commands::output;
 use crate::commands::stage::Stage;
 use crate::design::robustness::Criterion;
 use crate::design::scene_search::{
-    Asked, Findings, Judges, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
-    share_of,
+    Asked, Exact, Findings, Judges, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd,
+    SearchState, no_fewer_than_seen, share_of,
 };
 use crate::report::scene_search::CountDocument;
 use crate::simulate::view::CellSites;
@@ -25,6 +25,24 @@ pub(super) struct Run<'a, 's> {
     pub(super) seed: u64,
     pub(super) stage: &'s Stage,
     pub(super) stop: &'s AtomicBool,
+}
+
+/// The best mount of a number of sensors.
+pub(super) struct OfCount {
+    sensors: usize,
+    best: Exact,
+}
+
+/// What the document says of each number of sensors; `observable` are the voxels that can be seen, by site.
+pub(super) fn compared(found: &[OfCount], observable: &[u64]) -> Vec<CountDocument> {
+    let observable = no_fewer_than_seen(observable.to_vec(), found.iter().map(|of| &of.best.seen));
+    let document = |OfCount { sensors, best }: &OfCount| CountDocument {
+        sensors: *sensors,
+        unique_voxels: best.seen.union as u64,
+        observable_share: share_of(&best.seen, &observable),
+        objective: best.objective(),
+    };
+    found.iter().map(document).collect()
 }
 
 /// What the document and the state file say of the command.
@@ -46,7 +64,7 @@ impl<'a> Run<'a, '_> {
         &self,
         rigs: RigSpace,
         model: &mut CellSites,
-    ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<CountDocument>)> {
+    ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<OfCount>)> {
         let Some(Counts(first, last)) = self.args.scene.count else { return Ok((rigs, None, Vec::new())) };
         let mut best: Option<(f64, RigSpace, Findings)> = None;
         let mut found = Vec::new();
@@ -55,26 +73,19 @@ impl<'a> Run<'a, '_> {
             let (search, mut end) = self.search(&rigs, model, None)?;
             let findings = search.findings().clone();
             end.exact.retain(|exact| rigs.violation_m(&exact.rig) == 0.0);
-            let Some(winner) = end.exact.first() else {
+            let Some(winner) = end.exact.into_iter().next() else {
                 output::say_notice(&format!(
                     "no mount of {sensors} sensors keeps them apart: give a larger --space"
                 ));
                 continue;
             };
-            found.push((sensors, winner.seen.clone(), winner.objective()));
             if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
                 best = Some((winner.objective(), rigs.clone(), findings));
             }
+            found.push(OfCount { sensors, best: winner });
         }
-        let observable = self.weights.observable_by_site(found.iter().map(|(_, seen, _)| seen));
-        let compared = found.into_iter().map(|(sensors, seen, objective)| CountDocument {
-            sensors,
-            unique_voxels: seen.union as u64,
-            observable_share: share_of(&seen, &observable),
-            objective,
-        });
         match best {
-            Some((_, rigs, findings)) => Ok((rigs, Some(findings), compared.collect())),
+            Some((_, rigs, findings)) => Ok((rigs, Some(findings), found)),
             None => bail!(
                 "none of {first} to {last} sensors fits: give a larger --space, or a smaller --clearance"
             ),

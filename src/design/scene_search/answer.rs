@@ -4,12 +4,13 @@ use serde::Serialize;
 
 use super::plan::Judges;
 use super::search::{Exact, SceneSearch, tilt_rad};
-use super::weights::{angle_deg, share_of};
+use super::weights::{angle_deg, no_fewer_than_seen, share_of};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
 use crate::simulate::view::{CastSites, Seen};
+use crate::world::coverage::Coverage;
 
 /// Loss of J that a flat range allows, as a share of the voxels seen.
 pub(crate) const FLAT_LOSS: f64 = 0.001;
@@ -76,12 +77,23 @@ const ANGLE_DEG: f64 = 1.0;
 /// A loss within these errors that makes the best mount a cliff.
 const CLIFF_SHARE: f64 = 0.01;
 
+/// What is seen of a site, voxel by voxel.
+#[derive(Clone, Debug)]
+pub(crate) struct CoveredSite {
+    /// By the winner.
+    pub coverage: Coverage,
+    /// What can be seen from the trajectory, ascending: by the model, by the winner or by what it is compared with.
+    pub observable: Vec<usize>,
+}
+
 /// Everything about the winner.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Answer {
-    /// By site the voxels that can be seen: those that the model knows, and no fewer than a rig that was cast sees.
+    /// By site the voxels that can be seen: how many are in `covered`, and no fewer than a rig that was cast sees.
     #[serde(skip)]
     pub observable_voxels: Vec<u64>,
+    #[serde(skip)]
+    pub covered: Vec<CoveredSite>,
     #[serde(skip)]
     pub best: Judged,
     /// The same sensors at the winner's positions, none tilted.
@@ -200,9 +212,22 @@ impl SceneSearch<'_> {
         let tilted = self.best_single(&single);
         let mut rigs = vec![single, tilted];
         rigs.extend(present.cloned());
-        let seen = cast.see(&rigs);
-        let judged = exact.iter().map(|exact| &exact.seen).chain(&seen);
-        let observable = self.weights.observable_by_site(judged);
+        let (seen, others): (Vec<Seen>, Vec<_>) = rigs.iter().map(|rig| cast.cover(rig)).unzip();
+        let (winner_seen, of_winner) = cast.cover(&winner.rig);
+        let covered: Vec<CoveredSite> = of_winner
+            .into_iter()
+            .enumerate()
+            .map(|(site, coverage)| {
+                let others = others.iter().map(|other| &other[site]);
+                let mut observable: Vec<usize> = self.model.views()[site].observable_cells().collect();
+                others.chain([&coverage]).for_each(|coverage| observable.extend(coverage.union_cells()));
+                observable.sort_unstable();
+                observable.dedup();
+                CoveredSite { coverage, observable }
+            })
+            .collect();
+        let known = covered.iter().map(|site| site.observable.len() as u64).collect();
+        let observable = no_fewer_than_seen(known, exact.iter().map(|exact| &exact.seen).chain(&seen));
         let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, &observable);
         let mut judged: Vec<Judged> =
             rigs.iter().zip(&seen).map(|(rig, seen)| judged_of(rig, seen)).collect();
@@ -212,7 +237,7 @@ impl SceneSearch<'_> {
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
-        let rays = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
+        let rays = seen.iter().chain(&phases).chain([&level.seen, &winner_seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             best: judged_of(&winner.rig, &winner.seen),
             level: judged_of(&level.rig, &level.seen),
@@ -228,6 +253,7 @@ impl SceneSearch<'_> {
             flat: self.flat_ranges(winner),
             tolerance: self.tolerance_loss(winner),
             observable_voxels: observable,
+            covered,
             rays,
         })
     }

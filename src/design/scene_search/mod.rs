@@ -13,11 +13,11 @@ mod sites;
 mod state_file;
 mod weights;
 
-pub(crate) use answer::{Answer, Judged, JudgedAtSite};
+pub(crate) use answer::{Answer, CoveredSite, Judged, JudgedAtSite};
 pub(crate) use correction::ModelError;
 pub(crate) use plan::{Judges, Plan};
 pub(crate) use rig_space::{RigSpace, is_of_few_channels};
-pub(crate) use search::{SceneSearch, SearchEnd};
+pub(crate) use search::{Exact, SceneSearch, SearchEnd};
 pub(crate) use sites::Views;
 pub(crate) use state_file::{Asked, Findings, Question, SceneStateError, SearchState};
-pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, share_of};
+pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, no_fewer_than_seen, share_of};

@@ -33,17 +33,6 @@ pub(crate) struct SceneWeights {
 }
 
 impl SceneWeights {
-    /// By site the voxels that can be seen: those that the model knows, and no fewer than a rig that was judged sees.
-    pub(crate) fn observable_by_site<'a>(&self, judged: impl Iterator<Item = &'a Seen>) -> Vec<u64> {
-        let mut observable = self.by_site.clone();
-        for seen in judged {
-            for (known, seen) in observable.iter_mut().zip(sites_of(seen)) {
-                *known = (*known).max(seen.union as u64);
-            }
-        }
-        observable
-    }
-
     pub(crate) fn new(rule: WeightRule, observable: u64) -> Self {
         Self::of_sites(rule, vec![observable], Criterion::Expected)
     }
@@ -114,6 +103,16 @@ impl SceneWeights {
             registration: 0.0,
         }
     }
+}
+
+/// By site the voxels that can be seen: those that are `known`, and no fewer than a rig sees.
+pub(crate) fn no_fewer_than_seen<'a>(mut known: Vec<u64>, seen: impl Iterator<Item = &'a Seen>) -> Vec<u64> {
+    for seen in seen {
+        for (known, seen) in known.iter_mut().zip(sites_of(seen)) {
+            *known = (*known).max(seen.union as u64);
+        }
+    }
+    known
 }
 
 /// Share of what can be seen that a rig sees; the mean over several sites. `observable` is by site.

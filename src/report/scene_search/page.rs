@@ -1,39 +1,27 @@
 //! The page of a search in a scene.
 
 use super::{Document, SiteSource};
-use crate::design::scene_search::{Judged, JudgedAtSite};
+use crate::design::scene_search::{CoveredSite, Judged, JudgedAtSite};
 use crate::report::chart::{LineChart, Series, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::Rig;
-use crate::simulate::view::{CastSites, CastView, CellSites, CellView, ViewSite};
-use crate::world::coverage::Coverage;
+use crate::simulate::view::{CastSites, CastView, ViewSite};
 use crate::world::local_origin::LocalOrigin;
 
 /// What the page shows of a site.
 struct Pictured<'a> {
     name: &'a str,
     site: &'a ViewSite,
-    coverage: Coverage,
-    /// Voxels that can be seen from the trajectory, ascending.
-    observable: Vec<usize>,
+    covered: &'a CoveredSite,
     origin: LocalOrigin,
 }
 
-impl<'a> Pictured<'a> {
-    fn new(rig: &Rig, view: &'a CastView, model: &CellView, source: &'a SiteSource) -> Self {
-        let coverage = view.cover(rig);
-        let mut observable = coverage.union_cells();
-        observable.extend(model.observable_cells());
-        observable.sort_unstable();
-        observable.dedup();
-        Self { name: &source.scene, site: view.site(), coverage, observable, origin: source.origin }
-    }
-
+impl Pictured<'_> {
     /// Of groups of voxels that can be seen and that the rig does not see the largest.
     fn blind_spots(&self) -> Vec<BlindSpot> {
-        let is_unseen = |cell: &usize| figures::who_covers(&self.coverage, *cell) == figures::UNSEEN;
-        let unseen = self.observable.iter().copied().filter(is_unseen);
-        let spots = blind_spots(self.coverage.grid(), unseen, MAX_BLIND_SPOTS).into_iter();
+        let is_unseen = |cell: &usize| figures::who_covers(&self.covered.coverage, *cell) == figures::UNSEEN;
+        let unseen = self.covered.observable.iter().copied().filter(is_unseen);
+        let spots = blind_spots(self.covered.coverage.grid(), unseen, MAX_BLIND_SPOTS).into_iter();
         spots.map(|spot| spot.in_world(self.origin)).collect()
     }
 }
@@ -42,13 +30,16 @@ impl<'a> Pictured<'a> {
 pub(crate) fn page(
     document: &Document,
     rig: &Rig,
-    (cast, model): (&CastSites, &CellSites),
+    cast: &CastSites,
     sources: &[SiteSource],
     made_by: &str,
 ) -> Report {
-    let views = cast.views().iter().zip(model.views()).zip(sources);
-    let sites: Vec<Pictured<'_>> =
-        views.map(|((view, model), source)| Pictured::new(rig, view, model, source)).collect();
+    let views = cast.views().iter().zip(&document.answer.covered).zip(sources);
+    let pictured = |((view, covered), source)| {
+        let (view, source): (&CastView, &SiteSource) = (view, source);
+        Pictured { name: &source.scene, site: view.site(), covered, origin: source.origin }
+    };
+    let sites: Vec<Pictured<'_>> = views.map(pictured).collect();
     let mut page = Report::new("Mounts for a scene", &document.sentence(), made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
     document.quality_line().iter().for_each(|line| page.paragraph(&format!("Counted: {line}.")));
@@ -56,7 +47,7 @@ pub(crate) fn page(
         if sites.len() > 1 {
             page.heading(pictured.name);
         }
-        let Pictured { site, coverage, observable, origin, .. } = pictured;
+        let Pictured { site, covered: CoveredSite { coverage, observable }, origin, .. } = pictured;
         page.orbit(
             orbit::seen(
                 &site.scene,
@@ -83,7 +74,7 @@ pub(crate) fn page(
 }
 
 fn from_above(page: &mut Report, document: &Document, rig: &Rig, pictured: &Pictured<'_>) {
-    let Pictured { site, coverage, observable, origin, .. } = pictured;
+    let Pictured { site, covered: CoveredSite { coverage, observable }, origin, .. } = pictured;
     let names: Vec<&str> = document.best.judged.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let voxel_m = coverage.grid().voxel_m;
     let above = FromAbove::new(site.scene.bounds_m(), voxel_m, figures::WHO_CLASSES);

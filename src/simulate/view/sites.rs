@@ -4,6 +4,7 @@ use sensors::SensorModel;
 
 use super::{BuildCost, CastView, CellView, Fan, Scans, Seen, View};
 use crate::rig::Rig;
+use crate::world::coverage::Coverage;
 
 /// The exact views of some sites.
 pub(crate) struct CastSites {
@@ -40,6 +41,14 @@ impl CastSites {
     /// What each of these rigs sees.
     pub(crate) fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
         joined(&self.scales, self.views.iter().map(|view| view.see(rigs)).collect())
+    }
+
+    /// What a rig sees, and by site the voxels that each of its sensors does.
+    pub(crate) fn cover(&self, rig: &Rig) -> (Seen, Vec<Coverage>) {
+        let covered: Vec<Coverage> = self.views.iter().map(|view| view.cover(rig)).collect();
+        let sites = self.views.iter().zip(&covered);
+        let seen = sites.map(|(view, coverage)| vec![Seen::exact(&coverage.counts(), view.rays(rig))]);
+        (joined(&self.scales, seen.collect()).swap_remove(0), covered)
     }
 }
 
