@@ -28,6 +28,8 @@ pub(crate) struct Plan {
     pub correcting: usize,
     /// So many of these come before the first local search: where few are affordable, they keep it from going astray.
     pub early: usize,
+    /// Of the best ones within the second local search, which correct the model where the search has arrived.
+    pub amid: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
     /// Which part of the beams is cast until then, 1 in so many; all beams of the best finalists are.
@@ -39,10 +41,10 @@ pub(crate) struct Plan {
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
     pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
-        let (early, correcting, finalists) = match rays_of_whole / u64::from(thinning) {
-            rays if rays < CHEAP_RAYS => (0, 16, 18),
-            rays if rays < DEAR_RAYS => (4, 12, 10),
-            _ => (2, 6, 6),
+        let (early, correcting, amid, finalists) = match rays_of_whole / u64::from(thinning) {
+            rays if rays < CHEAP_RAYS => (0, 16, 6, 12),
+            rays if rays < DEAR_RAYS => (4, 12, 0, 10),
+            _ => (2, 6, 0, 6),
         };
         Self {
             seed,
@@ -51,6 +53,7 @@ impl Plan {
             local: evaluations * 11 / 20,
             early,
             correcting: correcting.min(evaluations),
+            amid: amid.min(evaluations),
             finalists: finalists.min(evaluations),
             thinning,
             whole: if rays_of_whole > VERY_DEAR_RAYS { WHOLE - 1 } else { WHOLE },

@@ -13,8 +13,8 @@ use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
 use crate::simulate::view::{CellSites, Seen};
 
-/// In the spread and in the two local searches every so many voxels are looked at, and after each all of them for so many of the
-/// best mounts.
+/// In the spread, in the first local search and in those after it every so many voxels are looked at, and after each all of
+/// them for so many of the best mounts.
 const SPARSE: [usize; 3] = [8, 4, 2];
 const AGAIN: [usize; 3] = [48, 112, 32];
 /// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
@@ -138,9 +138,8 @@ impl<'a> SceneSearch<'a> {
     /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
     pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
-        let Plan { evaluations, spread, local, early, correcting, finalists, seed, .. } = self.plan;
+        let Plan { evaluations, spread, local, early, correcting, amid, finalists, seed, .. } = self.plan;
         let mut rng = Rng::new(seed, 0);
-        let mut rounds = 0;
         let points = self.space.latin_hypercube(spread, &mut rng);
         for points in points.chunks(16) {
             if is_stopped() && !self.tried.is_empty() {
@@ -153,8 +152,11 @@ impl<'a> SceneSearch<'a> {
         self.model.focus(&best.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect::<Vec<_>>());
         self.look_again(&best);
         let early = early.min(correcting);
-        for (count, limit) in [(early, (spread + local).min(evaluations)), (correcting - early, evaluations)]
-        {
+        let first = (spread + local).min(evaluations);
+        // corrected by good mounts all over; where exact evaluations are cheap again half-way, by the best where it has arrived
+        let second = if amid > 0 { (first + evaluations) / 2 } else { evaluations };
+        let rounds = [(early, first), (correcting - early, second), (amid, evaluations)];
+        for (round, (count, limit)) in (1..).zip(rounds) {
             if is_stopped() {
                 break;
             }
@@ -165,12 +167,12 @@ impl<'a> SceneSearch<'a> {
                     best.retain(|at| self.tried[*at].is_rough);
                     self.look_again(&best);
                 }
-                self.judge_all(self.far_apart(count));
+                let is_last = round == rounds.len();
+                self.judge_all(if is_last { self.best_left(count) } else { self.far_apart(count) });
                 self.correct();
             }
-            rounds += 1;
-            self.search_locally(limit, rounds, progress, stop);
-            self.look_again(&self.roughly_best(AGAIN[rounds]));
+            self.search_locally(limit, round, progress, stop);
+            self.look_again(&self.roughly_best(AGAIN[round.min(2)]));
         }
         for count in [finalists.div_ceil(2), finalists / 2] {
             if is_stopped() && !self.exact.is_empty() {
@@ -307,7 +309,7 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
-    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy with the best as
+    /// The `round`th local search, from 1. Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy with the best as
     /// parents, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
     fn search_locally(
         &mut self,
@@ -316,8 +318,9 @@ impl<'a> SceneSearch<'a> {
         progress: &dyn Fn(&Self, &str),
         stop: &AtomicBool,
     ) {
-        let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
+        let round = round.min(2);
         let mut rng = Rng::new(self.plan.seed, round as u64);
+        let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
         let first = self.tried.len();
         while self.tried.len() < limit && !stop.load(Ordering::Relaxed) {
             let done = (self.tried.len() - first) as f64 / (limit - first) as f64;
