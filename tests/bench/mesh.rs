@@ -1,5 +1,5 @@
-//! Rays through a mesh with their voxels counted, beside Open3D (Embree) with numpy; and the surface completeness of a
-//! house walked through with two sensors.
+//! Rays through a mesh with their voxels counted, beside Open3D (Embree) with numpy; what a pair in a house takes the exact
+//! view of a search; and the surface completeness of that house.
 //!
 //! `cargo bench --bench mesh` prints processor time per ray of this program and of Open3D on one thread each, all from
 //! one run, and the median of the ratios. Open3D is asked through the interpreter that `PYTHON` names (`python3`
@@ -15,8 +15,9 @@ use std::time::Instant;
 
 use glam::{DMat3, DVec3};
 use outrigger::base::instructions::Instructions;
-use outrigger::rig::Mount;
+use outrigger::rig::{Mount, MountedSensor, Rig, Unit};
 use outrigger::simulate::fan::BeamFan;
+use outrigger::simulate::view::{CastView, Precision, Sampling, Shades, View as _, ViewSite};
 use outrigger::world::coverage::{Coverage, VoxelGrid};
 use outrigger::world::scene::{Mesh, Scene, load_mesh};
 use outrigger::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
@@ -40,11 +41,56 @@ fn main() {
         return;
     }
     let (vertices, faces) = read_ply(&house);
-    compare("house", vertices, faces, &[[0.03, 0.02, 1.51], [2.04, 1.03, 1.62], [-3.02, 0.53, 1.23]]);
-    completeness(&house, &shared.join("reference/validation"));
+    let cast_ns =
+        compare("house", vertices, faces, &[[0.03, 0.02, 1.51], [2.04, 1.03, 1.62], [-3.02, 0.53, 1.23]]);
+    let walk = std::fs::read(shared.join("reference/validation/house_trajectory.tum")).expect("its walk");
+    let walk = Trajectory::read(&walk, None).expect("a trajectory").trajectory;
+    let mesh = load_mesh(&house, None, None).expect("the house").mesh;
+    cast_view(&mesh, &walk, cast_ns);
+    completeness(mesh, &walk);
 }
 
-fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f64; 3]]) {
+/// A pair in the house as a search casts it, on one thread; `peer_ns` is what a ray took Open3D, voxels not counted.
+fn cast_view(mesh: &Mesh, walk: &Trajectory, peer_ns: Option<f64>) {
+    let scene = Scene::Mesh(Arc::new(mesh.clone()));
+    let grid = VoxelGrid::centred_on(scene.bounds_m(), VOXEL_M);
+    let site = ViewSite { grid, scene, trajectory: walk.clone(), shades: Shades::default() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    for model in ["vlp-16", "os1-64"] {
+        let unit = Unit::nominal(model).expect("a model");
+        for (columns, scan_stride) in [(512, 4), (1024, 1)] {
+            let sampling = Sampling {
+                is_ideal: true,
+                columns: Some(columns),
+                scan_stride,
+                min_range_m: Some(0.3),
+                ..Sampling::default()
+            };
+            let view = CastView::new(site.clone(), std::slice::from_ref(&unit), &sampling, Precision::Single)
+                .expect("a view");
+            let sensor =
+                |name: &str, mount| MountedSensor { name: name.into(), model: unit.model.clone(), mount };
+            let rig =
+                Rig { sensors: vec![sensor("master", master()), sensor("mirrored", master().mirrored())] };
+            let mut seen = Vec::new();
+            let seconds = pool.install(|| median_cpu_s(3, || seen = view.see(std::slice::from_ref(&rig))));
+            let (rays, union) = (seen[0].rays, seen[0].union);
+            let ns = seconds / rays as f64 * 1e9;
+            print!(
+                "CastView, two {model}, {columns} columns, one revolution in {scan_stride}: {rays} rays, {union} voxels, {seconds:.2} \
+                 s, {:.1} million rays/s",
+                1e3 / ns
+            );
+            match peer_ns {
+                Some(peer_ns) => println!(", ratio to Open3D's casting {:.2}", peer_ns / ns),
+                None => println!(),
+            }
+        }
+    }
+}
+
+/// Open3D's nanoseconds per ray, the median over the stands; none without it.
+fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f64; 3]]) -> Option<f64> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("mesh.bin");
     std::fs::write(&file, as_bytes(&vertices, &faces)).expect("a file in it");
@@ -56,7 +102,7 @@ fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f6
         mesh.bytes() as f64 / f64::from(1 << 20),
         start.elapsed().as_secs_f64()
     );
-    let mut ratios = Vec::new();
+    let (mut ratios, mut peer_ns) = (Vec::new(), Vec::new());
     for at in stands {
         for pitch_deg in [0.0_f64, 25.23] {
             let (origins, directions) = fan(DVec3::from(*at), pitch_deg.to_radians());
@@ -85,6 +131,7 @@ fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f6
                         all_ns / ns
                     );
                     ratios.push([cast_ns / ns, all_ns / ns]);
+                    peer_ns.push(cast_ns);
                 }
                 None => println!(", Open3D none"),
             }
@@ -94,6 +141,7 @@ fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f6
         let of = |at: usize| median(ratios.iter().map(|ratio| ratio[at]).collect());
         println!("  median ratio: {:.2}, with numpy's counting {:.2}", of(0), of(1));
     }
+    (!peer_ns.is_empty()).then(|| median(peer_ns))
 }
 
 /// Nanoseconds per ray with its voxel, voxels, and mean range.
@@ -161,28 +209,24 @@ fn read_ply(path: &Path) -> hall::Soup {
     ((0..vertices).map(vertex).collect(), (0..faces).map(face).collect())
 }
 
+/// One sensor of the pair.
+fn master() -> Mount {
+    Mount { x_m: 0.05, z_m: 0.1, pitch_rad: 25.23_f64.to_radians(), ..Mount::default() }
+}
+
 /// Two OS1-64 carried through the house: 51 million rays against a million samples, on two threads.
-fn completeness(house: &Path, reference: &Path) {
-    let mesh = load_mesh(house, None, None).expect("the house").mesh;
-    let walk = std::fs::read(reference.join("house_trajectory.tum")).expect("its walk");
-    let walk = Trajectory::read(&walk, None).expect("a trajectory").trajectory;
+fn completeness(mesh: Mesh, walk: &Trajectory) {
     let samples = SurfaceSamples::of_mesh(&mesh, 1_000_000, 0);
     let scene = Scene::Mesh(Arc::new(mesh));
     let mut fan = BeamFan::nominal(&sensors::catalogue::nominal("os1-64").expect("a model"), COLUMNS, 10.0);
     fan.min_range_m = 0.3;
-    let mount = |side: f64| Mount {
-        x_m: 0.05 * side,
-        z_m: 0.1,
-        pitch_rad: (25.23 * side).to_radians(),
-        ..Mount::default()
-    };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     let (mut wall_s, mut cpu_s, mut found) = (Vec::new(), Vec::new(), (0, 0.0));
     for _ in 0..3 {
         let (wall, cpu) = (Instant::now(), support::process_cpu_s());
         pool.install(|| {
             let mut completeness = Completeness::new(&samples, &THRESHOLDS_M);
-            let rays = fan.cover(&scene, &walk, &[mount(1.0), mount(-1.0)], 1, &mut completeness);
+            let rays = fan.cover(&scene, walk, &[master(), master().mirrored()], 1, &mut completeness);
             found = (rays, completeness.shares()[1]);
         });
         wall_s.push(wall.elapsed().as_secs_f64());

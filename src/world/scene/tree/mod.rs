@@ -131,7 +131,7 @@ impl TriangleTree {
         }
         packet.repeat_first(count);
         for &place in &memory.places {
-            packet.meet_triangle(&self.corners[place as usize], place, u32::MAX);
+            packet.meet_triangle::<false>(&self.corners[place as usize], place, u32::MAX);
         }
         if !packet.all_won() {
             self.walk::<PACKET, true>(&mut packet, Instructions::best());
@@ -269,7 +269,7 @@ mod tests {
                 .filter_map(|place| {
                     let mut packet = Packet::<1>::new();
                     packet.set(0, origin, direction, 1e9);
-                    packet.meet_triangle(&built.corners[place], place as u32, 1);
+                    packet.meet_triangle::<false>(&built.corners[place], place as u32, 1);
                     built.exact(packet.won[0], origin, direction).map(|hit| hit.distance_m)
                 })
                 .reduce(f64::min);

@@ -159,14 +159,13 @@ impl<const N: usize> Packet<N> {
 
     /// Distances at which the packet may enter the boxes of a node's children; infinite where it cannot.
     #[inline(always)]
-    pub(crate) fn enters(&self, node: &Node) -> ([f32; WIDTH], u32) {
+    pub(crate) fn enters<const WIDE: bool>(&self, node: &Node) -> ([f32; WIDTH], u32) {
         let hull = &self.hull;
         let [low_x, high_x] = &node.planes[0];
         let planes = hull.planes(node);
         let mut near = [0.0_f32; WIDTH];
-        let mut is_met = [false; WIDTH];
+        let mut far = [self.farthest; WIDTH];
         for side in 0..WIDTH {
-            let mut far = self.farthest;
             for (axis, [nears, fars]) in planes.into_iter().enumerate() {
                 let [low, high] = hull.inverse[axis];
                 let near_inverse = nears[side] - hull.origin[axis];
@@ -174,53 +173,52 @@ impl<const N: usize> Packet<N> {
                 let enter = min(near_inverse * low, near_inverse * high) + hull.near_add[axis];
                 let leave = max(far_inverse * low, far_inverse * high) + hull.far_add[axis];
                 near[side] = max(enter, near[side]);
-                far = min(leave, far);
+                far[side] = min(leave, far[side]);
             }
-            // a missing child's planes are NaN
-            is_met[side] = (near[side] <= far) & (low_x[side] <= high_x[side]);
         }
-        (near, bits(is_met))
+        // a missing child's planes are NaN
+        (near, not_beyond::<WIDTH, WIDE>(&near, &far) & not_beyond::<WIDTH, WIDE>(low_x, high_x))
     }
 
     /// The rays that meet the box of a child before their nearest triangle, a bit each.
     #[inline(always)]
-    pub(crate) fn meets_box(&self, node: &Node, side: usize) -> u32 {
+    pub(crate) fn meets_box<const WIDE: bool>(&self, node: &Node, side: usize) -> u32 {
         if self.hull.is_mixed {
-            self.meets_mixed::<true>(node, side)
+            self.meets_mixed::<true, WIDE>(node, side)
         } else {
-            self.meets_mixed::<false>(node, side)
+            self.meets_mixed::<false, WIDE>(node, side)
         }
     }
 
     #[inline(always)]
-    fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> u32 {
+    fn meets_mixed<const MIXED: bool, const WIDE: bool>(&self, node: &Node, side: usize) -> u32 {
         let [x, y, z] = self.hull.planes(node);
         let planes = [[x[0][side], x[1][side]], [y[0][side], y[1][side]], [z[0][side], z[1][side]]];
-        let mut is_met = [false; N];
-        for (element, is_met) in is_met.iter_mut().enumerate() {
-            let mut near = 0.0_f32;
-            let mut far = self.nearest[element];
+        let mut near = [0.0_f32; N];
+        let mut far = self.nearest;
+        for element in 0..N {
             for (axis, [near_plane, far_plane]) in planes.into_iter().enumerate() {
                 let inverse = self.inverse[axis][element];
                 let (mut enter, mut leave) = (near_plane * inverse, far_plane * inverse);
                 if MIXED {
                     (enter, leave) = (min(enter, leave), max(enter, leave));
                 }
-                near = max(near, enter - self.near_offset[axis][element]);
-                far = min(far, leave - self.far_offset[axis][element]);
+                near[element] = max(near[element], enter - self.near_offset[axis][element]);
+                far[element] = min(far[element], leave - self.far_offset[axis][element]);
             }
-            *is_met = near <= far;
         }
-        bits(is_met)
+        not_beyond::<N, WIDE>(&near, &far)
     }
 
     /// Möller and Trumbore, doi:10.1080/10867651.1997.10487468, two-sided, with edges a few roundings wider. Only for
     /// the `rays` that met the triangle's box: on its own a ray would not have come here otherwise, and what a ray hits
     /// may not depend on its company.
     #[inline(always)]
-    pub(crate) fn meet_triangle(&mut self, corner: &Corner, place: u32, rays: u32) {
+    pub(crate) fn meet_triangle<const WIDE: bool>(&mut self, corner: &Corner, place: u32, rays: u32) {
         let (e1, e2) = (corner.edge1, corner.edge2);
         let normal = cross(e1, e2);
+        let (mut slack, mut least) = ([0.0_f32; N], [0.0_f32; N]);
+        let (mut slopes, mut heights) = ([0.0_f32; N], [0.0_f32; N]);
         for element in 0..N {
             let d = [self.direction[0][element], self.direction[1][element], self.direction[2][element]];
             let c = [
@@ -234,11 +232,14 @@ impl<const N: usize> Packet<N> {
             let u = dot(r, e2) * sign;
             let v = -dot(r, e1) * sign;
             let size = slope * sign;
-            let slack = -EDGE_SLACK * corner.reach_m * (c[0].abs() + c[1].abs() + c[2].abs());
-            let t = dot(normal, c) / slope;
-            let inside = (u >= slack) & (v >= slack) & (size - u - v >= slack) & (size > 0.0);
-            let came = rays >> element & 1 != 0;
-            let better = came & inside & (t >= 0.0) & (t < self.nearest[element]);
+            slack[element] = -EDGE_SLACK * corner.reach_m * (c[0].abs() + c[1].abs() + c[2].abs());
+            least[element] = if size > 0.0 { min(min(u, v), size - u - v) } else { f32::NEG_INFINITY };
+            (slopes[element], heights[element]) = (slope, dot(normal, c));
+        }
+        let inside = not_beyond::<N, WIDE>(&slack, &least) & rays;
+        for element in 0..N {
+            let t = heights[element] / slopes[element];
+            let better = (inside >> element & 1 != 0) & (t >= 0.0) & (t < self.nearest[element]);
             self.nearest[element] = if better { t } else { self.nearest[element] };
             self.won[element] = if better { place } else { self.won[element] };
         }
@@ -280,6 +281,36 @@ impl Packet<PACKET> {
         }
         distances_m
     }
+}
+
+/// The elements whose `near` is no larger than their `far`, a bit each. `WIDE`: compiled for AVX-512, where that is one
+/// instruction, which the compiler does not find.
+#[allow(unsafe_code)] // AVX-512
+#[inline(always)]
+fn not_beyond<const N: usize, const WIDE: bool>(near: &[f32; N], far: &[f32; N]) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    if WIDE && N == 16 {
+        use std::arch::x86_64::{_CMP_LE_OQ, _mm512_cmp_ps_mask, _mm512_loadu_ps};
+        // SAFETY: only what is compiled for these instructions is wide; both hold 16 numbers
+        return unsafe {
+            let (near, far) = (_mm512_loadu_ps(near.as_ptr()), _mm512_loadu_ps(far.as_ptr()));
+            u32::from(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
+        };
+    }
+    #[cfg(target_arch = "x86_64")]
+    if WIDE && N == 8 {
+        use std::arch::x86_64::{_CMP_LE_OQ, _mm256_cmp_ps_mask, _mm256_loadu_ps};
+        // SAFETY: only what is compiled for these instructions is wide; both hold 8 numbers
+        return unsafe {
+            let (near, far) = (_mm256_loadu_ps(near.as_ptr()), _mm256_loadu_ps(far.as_ptr()));
+            u32::from(_mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
+        };
+    }
+    let mut is_met = [false; N];
+    for element in 0..N {
+        is_met[element] = near[element] <= far[element];
+    }
+    bits(is_met)
 }
 
 /// A bit for each element, the first lowest.

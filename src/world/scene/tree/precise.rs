@@ -33,7 +33,7 @@ impl<F, const N: usize> Precise<F, N> {
 
 impl<F: Fn(u32) -> [DVec3; 3], const N: usize> Meet<N> for Precise<F, N> {
     #[inline(always)]
-    fn meet(&mut self, packet: &mut Packet<N>, _: &Corner, place: u32, rays: u32) {
+    fn meet<const WIDE: bool>(&mut self, packet: &mut Packet<N>, _: &Corner, place: u32, rays: u32) {
         let [at, second, third] = (self.corners_m)(place);
         let (e1, e2) = (second - at, third - at);
         let normal = cross(e1.to_array(), e2.to_array());

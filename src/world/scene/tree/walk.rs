@@ -22,7 +22,7 @@ struct Open {
 /// How the rays of a packet meet a triangle.
 pub(super) trait Meet<const N: usize> {
     /// The `rays` that met the triangle's box meet it, or not.
-    fn meet(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32);
+    fn meet<const WIDE: bool>(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32);
 }
 
 /// In single precision, as the tree holds it.
@@ -30,8 +30,8 @@ pub(super) struct Rounded;
 
 impl<const N: usize> Meet<N> for Rounded {
     #[inline(always)]
-    fn meet(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32) {
-        packet.meet_triangle(corner, place, rays);
+    fn meet<const WIDE: bool>(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32) {
+        packet.meet_triangle::<WIDE>(corner, place, rays);
     }
 }
 
@@ -54,7 +54,7 @@ pub(super) fn walk<const N: usize, const ANY: bool, M: Meet<N>>(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the level exists only where the processor has these instructions
         Level::Avx2 => unsafe { walk_avx2::<N, ANY, M>(nodes, corners, reach_m, packet, triangles) },
-        _ => walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles),
+        _ => walk_anywhere::<N, ANY, false, M>(nodes, corners, reach_m, packet, triangles),
     }
 }
 
@@ -67,7 +67,7 @@ fn walk_avx512<const N: usize, const ANY: bool, M: Meet<N>>(
     packet: &mut Packet<N>,
     triangles: &mut M,
 ) {
-    walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles);
+    walk_anywhere::<N, ANY, true, M>(nodes, corners, reach_m, packet, triangles);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -79,11 +79,12 @@ fn walk_avx2<const N: usize, const ANY: bool, M: Meet<N>>(
     packet: &mut Packet<N>,
     triangles: &mut M,
 ) {
-    walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles);
+    walk_anywhere::<N, ANY, false, M>(nodes, corners, reach_m, packet, triangles);
 }
 
+/// `WIDE`: as compiled for AVX-512.
 #[inline(always)]
-fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
+fn walk_anywhere<const N: usize, const ANY: bool, const WIDE: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],
     reach_m: f32,
@@ -107,7 +108,7 @@ fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
             let first = open.first as usize;
             let leaf = &corners[first..first + open.count as usize];
             for (place, corner) in (open.first..).zip(leaf) {
-                triangles.meet(packet, corner, place, open.rays);
+                triangles.meet::<WIDE>(packet, corner, place, open.rays);
             }
             if ANY && packet.all_won() {
                 return;
@@ -116,12 +117,12 @@ fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
             continue;
         }
         let node = &nodes[open.first as usize];
-        let (enters, mut met) = packet.enters(node);
+        let (enters, mut met) = packet.enters::<WIDE>(node);
         let bottom = height;
         while met != 0 {
             let side = met.trailing_zeros() as usize;
             met &= met - 1;
-            let rays = packet.meets_box(node, side);
+            let rays = packet.meets_box::<WIDE>(node, side);
             if rays == 0 {
                 continue;
             }
