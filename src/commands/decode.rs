@@ -18,8 +18,8 @@ use points::PointArgs;
 const EXIT_CODES: &str = "\
 Exit codes: 0 when everything that the recording holds of the sensors was decoded; 3 when it was decoded but data is \
 missing: the file is cut off or damaged, datagrams lack fragments, or packets of a sensor were lost, late, malformed or \
-failed their checksum; 1 when nothing could be decoded. A recording that merely begins or ends in the middle of a \
-revolution is whole: its first or last frame says \"complete\": false.";
+failed their checksum; 1 when nothing could be decoded, or --out would hold no point. A recording that merely begins or \
+ends in the middle of a revolution is whole: its first or last frame says \"complete\": false.";
 
 /// Time after Ctrl-C in which an unfinished file may still be closed.
 const TO_END_WITHIN: Duration = Duration::from_secs(5);
