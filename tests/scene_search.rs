@@ -138,7 +138,7 @@ fn view(site: &ViewSite, model: &str, sampling: &Sampling, precision: Precision)
     CastView::new(site.clone(), &[Unit::nominal(model).unwrap()], sampling, precision).unwrap()
 }
 
-/// To the bit in double precision; within 5 voxels in single precision. The greatest difference.
+/// To the bit in double precision; within 5 voxels of 0.1 m or 1 of 0.5 m in single precision. The largest difference.
 fn compare(
     sites: &[ViewSite; 2],
     model: &str,
@@ -147,10 +147,10 @@ fn compare(
     precision: Precision,
 ) -> u64 {
     let mut worst = 0;
-    for (site, is_coarse) in sites.iter().zip([true, false]) {
+    for (site, tolerance) in sites.iter().zip([1, 5]) {
         let view = view(site, model, sampling, precision);
         for entry in entries {
-            let expected = if is_coarse { &entry.coarse } else { &entry.fine };
+            let expected = if tolerance == 1 { &entry.coarse } else { &entry.fine };
             let rig = rig(model, &entry.master, expected.per_sensor.len());
             assert_eq!(view.rays(&rig), entry.rays);
             let what = format!("{model} {:?} {precision:?}", entry.master);
@@ -165,7 +165,7 @@ fn compare(
                 let pairs =
                     pairs.chain([(&counts.union, &expected.union), (&counts.overlap, &expected.overlap)]);
                 let most = pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap();
-                assert!(most <= 5, "{what}: {most} voxels off");
+                assert!(most <= tolerance, "{what}: {most} voxels off");
                 worst = worst.max(most);
             }
         }

@@ -82,7 +82,7 @@ const CLIFF_SHARE: f64 = 0.01;
 pub(crate) struct CoveredSite {
     /// By the winner.
     pub coverage: Coverage,
-    /// What can be seen from the trajectory, ascending: by the model, by the winner or by what it is compared with.
+    /// What can be seen from the trajectory, ascending: by the model, the winner, one sensor alone or the present rig.
     pub observable: Vec<usize>,
 }
 

@@ -153,7 +153,7 @@ impl<'a> SceneSearch<'a> {
         self.look_again(&best);
         let early = early.min(correcting);
         let first = (spread + local).min(evaluations);
-        // corrected by good mounts all over; where exact evaluations are cheap again half-way, by the best where it has arrived
+        // corrected by good mounts all over; where exact evaluations are cheap also amid the second search, by its best mounts
         let second = if amid > 0 { (first + evaluations) / 2 } else { evaluations };
         let rounds = [(early, first), (correcting - early, second), (amid, evaluations)];
         for (round, (count, limit)) in (1..).zip(rounds) {
@@ -309,8 +309,9 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
-    /// The `round`th local search, from 1. Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy with the best as
-    /// parents, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
+    /// The `round`th local search, from 1. Steps from the best mounts, ever shorter, until so many are looked at: an evolution
+    /// strategy with the best as parents, with differences between parents for directions (Storn, Price 1997,
+    /// doi:10.1023/A:1008202821328).
     fn search_locally(
         &mut self,
         limit: usize,
