@@ -200,20 +200,32 @@ impl SceneSearch<'_> {
         let level_rig = self.rigs.rig(&level_values);
         let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
         let level_terms = self.weights.terms(&level_rig, &level_seen);
-        let level_exact =
-            Exact { values: level_values, rig: level_rig, seen: level_seen, terms: level_terms };
+        let level_exact = Exact {
+            values: level_values,
+            rig: level_rig,
+            seen: level_seen,
+            terms: level_terms,
+            coverage: None,
+        };
         let level = level_exact.clone();
         if tilt_rad(&first.rig) > 0.0 {
             exact.push(level_exact);
         }
         prefer_least_tilted(exact, EQUAL_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
+        let winner_coverage = exact[0].coverage.take();
         let winner = &exact[0];
         let single = self.single(&winner.rig);
         let tilted = self.best_single(&single);
         let mut rigs = vec![single, tilted];
         rigs.extend(present.cloned());
         let (seen, others): (Vec<Seen>, Vec<_>) = rigs.iter().map(|rig| cast.cover(rig)).unzip();
-        let (winner_seen, of_winner) = cast.cover(&winner.rig);
+        let (winner_rays, of_winner) = match winner_coverage {
+            Some(coverage) => (0, coverage),
+            None => {
+                let (seen, coverage) = cast.cover(&winner.rig);
+                (seen.rays, coverage)
+            }
+        };
         let covered: Vec<CoveredSite> = of_winner
             .into_iter()
             .enumerate()
@@ -237,7 +249,7 @@ impl SceneSearch<'_> {
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
-        let rays = seen.iter().chain(&phases).chain([&level.seen, &winner_seen]).map(|seen| seen.rays).sum();
+        let rays: u64 = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             best: judged_of(&winner.rig, &winner.seen),
             level: judged_of(&level.rig, &level.seen),
@@ -254,7 +266,7 @@ impl SceneSearch<'_> {
             tolerance: self.tolerance_loss(winner),
             observable_voxels: observable,
             covered,
-            rays,
+            rays: rays + winner_rays,
         })
     }
 

@@ -7,12 +7,13 @@ use crate::simulate::view::CastSites;
 /// Exact evaluations of rigs that cast so many rays or more are dear, of those that cast fewer than so many cheap.
 const DEAR_RAYS: u64 = 10_000_000;
 const CHEAP_RAYS: u64 = 3_000_000;
-/// A thinned view casts at most so many rays of a rig, but one beam in so many at least; second that of sensors of few channels,
-/// whose gaps many revolutions have to fill. Thinner views count the density of beams, not what is seen.
-const THINNEST: [(u64, u32); 2] = [(4_000_000, 16), (8_000_000, 4)];
+/// A thinned view casts at most so many rays of a rig, but one beam in so many at least and so many rays for each voxel that can
+/// be seen; second that of sensors of few channels, whose gaps many revolutions have to fill. Thinner views count the density of
+/// beams, not what is seen.
+const THINNEST: [(u64, u32, u64); 2] = [(4_000_000, 16, 40), (8_000_000, 4, 24)];
 /// Finalists of a thinned view whose beams are all cast: so many, or fewer where each casts more than so many rays.
 const WHOLE: usize = 3;
-const VERY_DEAR_RAYS: u64 = 150_000_000;
+const VERY_DEAR_RAYS: u64 = 60_000_000;
 
 /// How many evaluations there are, and of which kind.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -32,6 +33,8 @@ pub(crate) struct Plan {
     pub amid: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
+    /// Mounts that the model looks at again by all voxels: after the spread, after the first local search, after each later one.
+    pub again: [usize; 3],
     /// Which part of the beams is cast until then, 1 in so many; all beams of the best finalists are.
     pub thinning: u32,
     /// So many of them, where beams are thinned.
@@ -41,10 +44,12 @@ pub(crate) struct Plan {
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
     pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
-        let (early, correcting, amid, finalists) = match rays_of_whole / u64::from(thinning) {
-            rays if rays < CHEAP_RAYS => (0, 16, 6, 12),
-            rays if rays < DEAR_RAYS => (4, 12, 0, 10),
-            _ => (2, 6, 0, 6),
+        const AGAIN: [usize; 3] = [48, 112, 32];
+        let (early, correcting, amid, finalists, again) = match rays_of_whole / u64::from(thinning) {
+            // many exact evaluations need fewer good guesses
+            rays if rays < CHEAP_RAYS => (0, 16, 6, 12, [40, 96, 24]),
+            rays if rays < DEAR_RAYS => (4, 12, 0, 10, AGAIN),
+            _ => (2, 8, 0, 8, AGAIN),
         };
         Self {
             seed,
@@ -55,6 +60,7 @@ impl Plan {
             correcting: correcting.min(evaluations),
             amid: amid.min(evaluations),
             finalists: finalists.min(evaluations),
+            again,
             thinning,
             whole: if rays_of_whole > VERY_DEAR_RAYS { WHOLE - 1 } else { WHOLE },
         }
@@ -76,12 +82,15 @@ impl Judges {
     }
 }
 
-/// One in how many beams of rigs like this one is cast while searching.
-pub(super) fn thinning(cast: &CastSites, rig: &Rig) -> u32 {
-    let (most_rays, most) = THINNEST[usize::from(is_of_few_channels(rig))];
+/// One in how many beams of rigs like this one is cast while searching where so many voxels can be seen.
+pub(super) fn thinning(cast: &CastSites, rig: &Rig, observable: u64) -> u32 {
+    let (most_rays, most, rays_of_voxel) = THINNEST[usize::from(is_of_few_channels(rig))];
     let rays = cast.rays(rig);
     let mut thinning = 1;
-    while rays / u64::from(thinning) > most_rays && thinning < most {
+    while rays / u64::from(thinning) > most_rays
+        && thinning < most
+        && rays / u64::from(2 * thinning) >= rays_of_voxel * observable
+    {
         thinning *= 2;
     }
     thinning

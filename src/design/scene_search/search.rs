@@ -12,11 +12,10 @@ use crate::design::objective::Terms;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
 use crate::simulate::view::{CellSites, Seen};
+use crate::world::coverage::Coverage;
 
-/// In the spread, in the first local search and in those after it every so many voxels are looked at, and after each all of
-/// them for so many of the best mounts.
+/// In the spread, in the first local search and in those after it every so many voxels are looked at.
 const SPARSE: [usize; 3] = [8, 4, 2];
-const AGAIN: [usize; 3] = [48, 112, 32];
 /// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
 const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 /// Mounts from which a local search steps, and steps between two looks at which are best.
@@ -37,6 +36,8 @@ pub(crate) struct Exact {
     pub rig: Rig,
     pub seen: Seen,
     pub terms: Terms,
+    /// By site the voxels seen, where they are held.
+    pub coverage: Option<Vec<Coverage>>,
 }
 
 impl Exact {
@@ -138,7 +139,8 @@ impl<'a> SceneSearch<'a> {
     /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
     pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
-        let Plan { evaluations, spread, local, early, correcting, amid, finalists, seed, .. } = self.plan;
+        let Plan { evaluations, spread, local, early, correcting, amid, finalists, again, seed, .. } =
+            self.plan;
         let mut rng = Rng::new(seed, 0);
         let points = self.space.latin_hypercube(spread, &mut rng);
         for points in points.chunks(16) {
@@ -148,7 +150,7 @@ impl<'a> SceneSearch<'a> {
             self.look(points, SPARSE[0]);
             progress(self, "looking at mounts all over the space");
         }
-        let best = self.roughly_best(AGAIN[0]);
+        let best = self.roughly_best(again[0]);
         self.model.focus(&best.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect::<Vec<_>>());
         self.look_again(&best);
         let early = early.min(correcting);
@@ -172,7 +174,7 @@ impl<'a> SceneSearch<'a> {
                 self.correct();
             }
             self.search_locally(limit, round, progress, stop);
-            self.look_again(&self.roughly_best(AGAIN[round.min(2)]));
+            self.look_again(&self.roughly_best(again[round.min(2)]));
         }
         for count in [finalists.div_ceil(2), finalists / 2] {
             if is_stopped() && !self.exact.is_empty() {
@@ -220,9 +222,12 @@ impl<'a> SceneSearch<'a> {
         self.exact.truncate(self.plan.whole);
         for exact in &mut self.exact {
             let known = self.known.whole.iter().find(|(values, _)| *values == exact.values);
-            exact.seen = match known {
-                Some((_, seen)) => seen.clone(),
-                None => self.judges.cast.see(std::slice::from_ref(&exact.rig)).swap_remove(0),
+            (exact.seen, exact.coverage) = match known {
+                Some((_, seen)) => (seen.clone(), None),
+                None => {
+                    let (seen, coverage) = self.judges.cast.cover(&exact.rig);
+                    (seen, Some(coverage))
+                }
             };
             exact.terms = self.weights.terms(&exact.rig, &exact.seen);
             self.found.whole.push((exact.values.clone(), exact.seen.clone()));
@@ -450,7 +455,7 @@ impl<'a> SceneSearch<'a> {
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();
-            self.exact.push(Exact { values, rig, seen, terms });
+            self.exact.push(Exact { values, rig, seen, terms, coverage: None });
         }
         let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
         if let Some(best) = memo.map(Exact::objective).reduce(f64::max) {

@@ -28,7 +28,8 @@ impl Views {
         let fineness = Fineness { most_bytes: fineness.most_bytes / sites.len().max(1), ..*fineness };
         let model = |site: &ViewSite| CellView::new(site, units, sampling, &fineness);
         let models = sites.iter().map(model).collect::<Result<Vec<_>, _>>()?;
-        let observable = models.iter().map(CellView::observable).collect();
+        let observable: Vec<u64> = models.iter().map(CellView::observable).collect();
+        let observable_of_all = observable.iter().sum();
         let weights = SceneWeights::of_sites(asked.weights, observable, asked.criterion);
         let scales = weights.scales();
         let cast = |sampling: &Sampling| {
@@ -38,7 +39,8 @@ impl Views {
         };
         let whole = cast(sampling)?;
         // a voxel that counts by its returns has fewer of thinned beams
-        let thinning = if sampling.quality.min_hits > 1 { 1 } else { thinning(&whole, largest) };
+        let thinning =
+            if sampling.quality.min_hits > 1 { 1 } else { thinning(&whole, largest, observable_of_all) };
         let thinned = (thinning > 1).then(|| cast(&sampling.thinned(thinning))).transpose()?;
         let judges = Judges { cast: whole, thinned, thinning };
         Ok(Self { model: CellSites::new(models, scales), judges, weights })

@@ -8,6 +8,7 @@ pub(crate) use page::page;
 
 use serde::Serialize;
 
+use crate::base::numbers::counted;
 use crate::design::optimize::StoppedBy;
 use crate::design::robustness::Criterion;
 use crate::design::scene_search::{Answer, Judged, JudgedAtSite, ModelError, Plan, SceneWeights, WeightRule};
@@ -213,9 +214,9 @@ impl Document {
 
     fn certainty_line(&self) -> String {
         format!(
-            "{:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be distinguished",
+            "{:.0} voxels (standard deviation over starts of the revolutions); {} cannot be distinguished",
             self.answer.phase_sd_voxels,
-            self.answer.indistinguishable.len()
+            counted(self.answer.indistinguishable.len() as u64, "other mount")
         )
     }
 

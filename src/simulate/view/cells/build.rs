@@ -22,6 +22,10 @@ const RECORDS_PER_RAY: f64 = 0.2;
 const STEPS_RAD: (f64, f64) = (0.002, 0.02);
 /// Rays of all views: beyond this they are coarser.
 const MOST_RAYS: f64 = 120e6;
+/// Along a long walk there are more views than asked for, one in so many metres, while they are no more than this and their
+/// rays need not be coarser: what lies between distant views is missed.
+const VIEW_GAP_M: f64 = 1.0;
+const MOST_VIEWS: u64 = 400;
 
 /// The layers with what they took.
 pub(super) struct Built {
@@ -118,13 +122,15 @@ impl Plan {
         let records = SphereMap::new(step_rad.max(STEPS_RAD.0)).rays() as f64 * RECORDS_PER_RAY;
         let bytes_of_view = records / WIDTH as f64 * size_of::<Block>() as f64 * heights_m.len() as f64;
         let affordable = (fineness.most_bytes as f64 / bytes_of_view).floor().max(4.0) as u64;
-        let views = fineness.views.min(scans.count).min(affordable).max(1);
-        let rays_at = |step_rad: f64| 24.0 / (step_rad * step_rad) * views as f64 * heights_m.len() as f64;
-        let least_rad = (rays_at(1.0) / MOST_RAYS).sqrt();
+        let rays_of_view = 24.0 / (step_rad * step_rad) * heights_m.len() as f64;
+        let along = (site.trajectory.length_m() / VIEW_GAP_M).min(MOST_RAYS / rays_of_view) as u64;
+        let wanted = fineness.views.max(along.min(MOST_VIEWS)).min(scans.count);
+        let views = wanted.min(affordable).max(1);
+        let least_rad = step_rad * (views as f64 * rays_of_view / MOST_RAYS).sqrt();
         Ok(Self {
             scans_per_view: scans.count.div_ceil(views),
             step_rad: step_rad.max(least_rad),
-            is_bound_by_memory: affordable < fineness.views.min(scans.count),
+            is_bound_by_memory: affordable < wanted,
             is_bound_by_rays: least_rad > step_rad || wanted_rad < STEPS_RAD.0,
         })
     }
@@ -232,4 +238,38 @@ pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan]
         .map_init(Patches::default, |patches, place| view(site, &map, place, DVec3::ZERO, reach, patches))
         .collect();
     Numbering::new(site.grid.len(), views.iter().flatten().map(|record| record.cell)).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::Unit;
+    use crate::simulate::view::{Sampling, Shades};
+    use crate::world::coverage::VoxelGrid;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
+
+    /// Views of a walk at 1 m/s through a corridor, where 50 are asked for.
+    fn views(walk_m: f64, voxel_m: f64) -> usize {
+        let corridor = BoxScene::closed(DVec3::new(-5.0, -3.0, 0.0), DVec3::new(1005.0, 3.0, 3.0));
+        let scene = Scene::Box(corridor);
+        let [from_m, to_m] = [0.0, walk_m].map(|x_m| DVec3::new(x_m, 0.0, 1.5));
+        let trajectory = Trajectory::straight(from_m, to_m, 1.0, 0);
+        let grid = VoxelGrid::centred_on(scene.bounds_m(), voxel_m);
+        let site = ViewSite { scene, trajectory, grid, shades: Shades::default() };
+        let fan = Fan::new(&Unit::nominal("vlp-16").unwrap(), &Sampling::default()).unwrap();
+        let scans = Scans::of(&fan, &site.trajectory).unwrap();
+        let fineness = Fineness { views: 50, ..Fineness::between((0.0, 0.0)) };
+        let plan = Plan::new(&site, &scans, &fineness, &[0.0], Reach::of([&fan])).unwrap();
+        plan.places(&site, &scans).len()
+    }
+
+    #[test]
+    fn long_walks_have_a_view_for_each_metre_while_rays_last() {
+        assert!((45..=50).contains(&views(20.0, 0.5)));
+        assert!((250..=300).contains(&views(300.0, 0.5)));
+        assert!((300..=MOST_VIEWS as usize).contains(&views(900.0, 0.5)));
+        // so fine that rays and memory are used up
+        assert!((20..=50).contains(&views(300.0, 0.02)));
+    }
 }

@@ -35,7 +35,7 @@ const ENOUGH: usize = 1024;
 /// Resolution at which a site is stored.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Fineness {
-    /// Places along the trajectory, at most.
+    /// Places along the trajectory: fewer where it has fewer revolutions or memory binds, more along a long walk.
     pub views: u64,
     /// Heights above the body's origin at which visibility is stored, m: minimum, maximum.
     pub heights_m: (f64, f64),
