@@ -1,23 +1,31 @@
-//! What a prediction costs: time with rays and with triangles, memory with the surface.
+//! What a prediction costs: time with rays and with triangles, memory with the surface; and what a rig costs in the exact view,
+//! with each set of instructions.
 //!
 //! `cargo bench --bench cost` prints tables and writes the same as pictures to `target/cost.html`.
 
 mod hall;
 mod support;
 
+use std::sync::Arc;
+
 use glam::DVec3;
+use outrigger::base::geometry::Pose;
+use outrigger::base::instructions::Instructions;
 use outrigger::report::chart::{LineChart, Series};
+use outrigger::rig::{Mount, MountedSensor, Rig, Unit};
+use outrigger::simulate::view::{CastView, Precision, Sampling, Shades, View as _, ViewSite};
 use outrigger::world::coverage::{Coverage, VoxelGrid};
-use outrigger::world::scene::Mesh;
+use outrigger::world::scene::{Mesh, Scene};
+use outrigger::world::trajectory::Trajectory;
 use support::median_cpu_s;
 
 const VOXEL_M: f64 = 0.1;
-const STYLE: &str = "body{font:14px sans-serif;max-width:760px;margin:2em auto}text{font-size:12px;fill:#333;stroke:none!important}\
+const STYLE: &str = "body{font:14px sans-serif;max-width:760px;margin:2em auto}text{font-size:12px;fill:#333!important;stroke:none!important}\
     .grid{stroke:#ccc;fill:none}.line{stroke:#1667a8;fill:none;stroke-width:2}.chart path{fill:none}\
-    .s0{stroke:#1667a8;fill:none;stroke-width:2}.s1{stroke:#b5481d;fill:none;stroke-width:2}";
+    .s0{stroke:#1667a8;fill:none;stroke-width:2}.s1{stroke:#b5481d;fill:none;stroke-width:2}.s2{stroke:#2f7d4f;fill:none;stroke-width:2}";
 
 fn main() {
-    let charts = [rays(), triangles(), memory()];
+    let charts = [vec![rays(), triangles(), memory()], views()].concat();
     let pictures: String =
         charts.iter().map(|chart| format!("<h2>{}</h2>{}", chart.title, chart.svg())).collect();
     let page =
@@ -133,6 +141,99 @@ fn memory() -> LineChart {
         points.push([surface_m2 / 1e4, mib]);
     }
     chart("Memory grows with the surface", "surface, hectares", "MiB", points)
+}
+
+/// A rig in the exact view of a hall.
+#[derive(Clone, Copy)]
+struct Case {
+    triangles: usize,
+    walk_m: f64,
+    sensors: usize,
+    voxel_m: f64,
+}
+
+impl Case {
+    const USUAL: Self = Self { triangles: 100_000, walk_m: 50.0, sensors: 2, voxel_m: 0.1 };
+
+    /// Rays, and seconds of one thread with each set of instructions.
+    fn measure(&self) -> (u64, Vec<f64>) {
+        let scene = Scene::Mesh(Arc::new(mesh(self.triangles)));
+        let unit = Unit::nominal("os1-64").expect("a model");
+        let sensor = |at: usize| {
+            let x_m = 0.1 * (at as f64 - 0.5 * (self.sensors - 1) as f64);
+            let mount = Mount { x_m, pitch_rad: 4.0 * x_m, ..Mount::default() };
+            MountedSensor { name: at.to_string(), model: unit.model.clone(), mount }
+        };
+        let rig = Rig { sensors: (0..self.sensors).map(sensor).collect() };
+        let grid = VoxelGrid::centred_on(scene.bounds_m(), self.voxel_m);
+        let site =
+            ViewSite { grid, scene, trajectory: back_and_forth(self.walk_m), shades: Shades::default() };
+        let sampling = Sampling { is_ideal: true, columns: Some(512), scan_stride: 4, ..Sampling::default() };
+        let thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        let mut rays = 0;
+        let seconds = Instructions::available().into_iter().map(|instructions| {
+            let view = CastView::new(site.clone(), std::slice::from_ref(&unit), &sampling, Precision::Single);
+            let view = view.expect("a view").with_instructions(instructions);
+            thread.install(|| median_cpu_s(1, || rays = view.see(std::slice::from_ref(&rig))[0].rays))
+        });
+        let seconds = seconds.collect();
+        (rays, seconds)
+    }
+}
+
+/// At 1 m/s through the hall, 50 m to and fro.
+fn back_and_forth(walk_m: f64) -> Trajectory {
+    let legs = (walk_m / 50.0).ceil().max(1.0) as u64;
+    let leg_m = walk_m / legs as f64;
+    let corner = |at: u64| {
+        let at_m = DVec3::new(5.0 + leg_m * (at % 2) as f64, 8.0 + 24.0 * at as f64 / 20.0, 1.6);
+        (at * (leg_m * 1e9) as u64, Pose { translation_m: at_m, ..Pose::IDENTITY })
+    };
+    Trajectory::new((0..=legs).map(corner).collect()).expect("a walk")
+}
+
+fn views() -> Vec<LineChart> {
+    let usual = Case::USUAL;
+    let triangles = [13, 15, 17, 20].map(|power| (f64::from(power), Case { triangles: 1 << power, ..usual }));
+    let over = |title: &str, label: &str, cases: Vec<(f64, Case)>| {
+        println!("{title}: OS1-64, 512 columns, one revolution in four, one thread");
+        // the name of the level alone
+        let name = |instructions| {
+            let words = format!("{instructions:?}");
+            words.trim_start_matches("Instructions(").trim_end_matches(')').to_owned()
+        };
+        let names = Instructions::available().into_iter().map(name);
+        let mut series: Vec<Series> = names.map(|name| Series { name, points: Vec::new() }).collect();
+        for (at, case) in cases {
+            let (rays, seconds) = case.measure();
+            let each: Vec<String> = series
+                .iter()
+                .zip(&seconds)
+                .map(|(series, s)| format!("{} {s:.2} s, {:.1} M rays/s", series.name, rays as f64 / s / 1e6))
+                .collect();
+            println!("  {at:7} {label}: {:6.1} M rays, {}", rays as f64 / 1e6, each.join("; "));
+            series.iter_mut().zip(seconds).for_each(|(series, s)| series.points.push([at, s]));
+        }
+        LineChart { series, ..chart(title, label, "processor time, s", Vec::new()) }
+    };
+    vec![
+        over("The exact view by triangles", "log2 of triangles", triangles.into()),
+        over(
+            "The exact view by the walk",
+            "m walked",
+            [10.0, 50.0, 200.0, 500.0, 1000.0].map(|walk_m| (walk_m, Case { walk_m, ..usual })).into(),
+        ),
+        over(
+            "The exact view by sensors",
+            "sensors",
+            [1, 2, 4, 8].map(|sensors| (sensors as f64, Case { sensors, ..usual })).into(),
+        ),
+        over(
+            "The exact view by voxels",
+            "m edge of a voxel",
+            [0.05, 0.1, 0.2, 0.5].map(|voxel_m| (voxel_m, Case { voxel_m, ..usual })).into(),
+        ),
+    ]
 }
 
 fn chart(title: &str, x_label: &str, y_label: &str, points: Vec<[f64; 2]>) -> LineChart {

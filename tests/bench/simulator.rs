@@ -11,7 +11,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use outrigger::base::instructions::Instructions;
-use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
+use outrigger::rig::{MountDeg, Path};
+use outrigger::simulate::published::{Experiment, Preset, Simulator};
 use support::{median, median_cpu_s};
 
 fn main() {
@@ -26,7 +27,7 @@ fn main() {
         let preset = Preset::named(preset).expect("a preset of this program");
         let experiment = Experiment { path, ..Experiment::published(preset) };
         let simulator = Simulator::new(&experiment).expect("the published experiment");
-        let sensors = experiment.sensors(&[Placement::from(master)]);
+        let sensors = experiment.sensors(&[MountDeg::from(master)]);
         let walks = simulator.walks(&sensors);
         let definition = simulator.coverage_by_definition(&sensors).expect("a mount inside the box");
         let counts = definition.coverage.counts();
@@ -58,7 +59,7 @@ fn main() {
     }
 }
 
-fn instruction_sets(simulator: &Simulator, sensors: &[Placement]) {
+fn instruction_sets(simulator: &Simulator, sensors: &[MountDeg]) {
     let walks = simulator.walks(sensors);
     for instructions in Instructions::available() {
         let fast_ms = 1e3
@@ -70,7 +71,7 @@ fn instruction_sets(simulator: &Simulator, sensors: &[Placement]) {
 }
 
 /// Time on the wall, because that is what a second thread is for: one thread and two in turn.
-fn threads(simulator: &Simulator, sensors: &[Placement]) {
+fn threads(simulator: &Simulator, sensors: &[MountDeg]) {
     let pools =
         [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads"));
     let walks = simulator.walks(sensors);
@@ -96,7 +97,7 @@ fn threads(simulator: &Simulator, sensors: &[Placement]) {
 }
 
 /// Median of the same evaluation in vectorised numpy, which must see as many voxels.
-fn numpy_ms(preset: &Preset, path: Path, sensors: &[Placement], union: u64) -> Option<f64> {
+fn numpy_ms(preset: &Preset, path: Path, sensors: &[MountDeg], union: u64) -> Option<f64> {
     let mounts: Vec<_> = sensors.iter().map(|sensor| <[f64; 5]>::from(*sensor)).collect();
     let axis = if path == Path::Lateral { "0" } else { "1" };
     let mounts = serde_json::to_string(&mounts).expect("finite numbers");
