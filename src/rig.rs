@@ -8,6 +8,8 @@ mod drawing;
 mod extrinsics;
 mod found_with;
 mod frames;
+mod masters;
+mod mount_deg;
 mod mount_file;
 mod own_sensor;
 mod published_export;
@@ -23,8 +25,10 @@ pub(crate) use conflicts::Conflicts;
 pub(crate) use description::describe;
 pub(crate) use drawing::draw;
 pub(crate) use extrinsics::Extrinsics;
-pub use found_with::{FoundWith, Path, Phase};
+pub use found_with::{FoundWith, Path, Phase, Roll};
 pub(crate) use frames::{BASE, FramedSensor, NamedFrame, framed, rings};
+pub(crate) use masters::Masters;
+pub use mount_deg::{MountDeg, MountRegion};
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,

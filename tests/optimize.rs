@@ -14,7 +14,8 @@ use outrigger::design::optimize::{
     Acquisition, Bayesian, Candidate, KeepApart, Kind, Measured, MountProblem, Optimizer as _, Search,
     SearchError, Settings, Space, StoppedBy, Trial, Variable,
 };
-use outrigger::simulate::published::{Experiment, Path, Preset, Simulator};
+use outrigger::rig::Path;
+use outrigger::simulate::published::{Experiment, Preset, Simulator};
 
 use crate::support::{Case, case, shared, with_shared};
 

@@ -2,7 +2,8 @@
 
 use outrigger::base::instructions::Instructions;
 use outrigger::design::objective::{self, Weights};
-use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Seen, Simulator};
+use outrigger::rig::{MountDeg, Path, Roll};
+use outrigger::simulate::published::{Experiment, Preset, Seen, Simulator};
 use serde::Deserialize;
 use sha2::Digest as _;
 
@@ -76,8 +77,8 @@ impl Reference {
         }
     }
 
-    fn sensors(&self) -> Vec<Placement> {
-        let masters: Vec<_> = self.masters.iter().map(|master| Placement::from(*master)).collect();
+    fn sensors(&self) -> Vec<MountDeg> {
+        let masters: Vec<_> = self.masters.iter().map(|master| MountDeg::from(*master)).collect();
         self.experiment().sensors(&masters)
     }
 
@@ -97,7 +98,7 @@ impl Reference {
     fn differences(&self, simulator: &Simulator, seen: &Seen) -> Vec<String> {
         let counts = seen.coverage.counts();
         let sensors = self.sensors();
-        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
         let angle_deg = objective::min_angle_deg(&axes);
         let weights = Weights::default();
         let price = weights.sensor_cost * sensors.len() as f64;

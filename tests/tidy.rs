@@ -11,6 +11,7 @@ pub const CASES: &[Case] = &[
     case("wings_use_only_wings_above_them", wings_use_only_wings_above_them),
     case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
     case("no_verb_imports_a_verb", no_verb_imports_a_verb),
+    case("few_files_know_the_published_experiment", few_files_know_the_published_experiment),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
     case("names_and_messages_use_the_glossary", names_and_messages_use_the_glossary),
     case("no_path_of_one_machine", no_path_of_one_machine),
@@ -80,6 +81,18 @@ fn no_files_import_each_other_in_a_circle() {
     let circles: Vec<String> =
         folders.iter().flat_map(|folder| circles::circles(&root().join(folder))).collect();
     assert!(circles.is_empty(), "files that import each other in a circle:\n{}", circles.join("\n"));
+}
+
+/// What mounts see is asked of a view or of an objective; what the published experiment is made of is known to few.
+fn few_files_know_the_published_experiment() {
+    let source = root().join("src");
+    let is_inside = |file: &PathBuf| {
+        ["simulate/published", "study/published"].iter().any(|own| file.starts_with(source.join(own)))
+    };
+    let imports = |file: &PathBuf| std::fs::read_to_string(file).unwrap().contains("simulate::published");
+    let mut know: Vec<_> = rust_files(&source).into_iter().filter(|file| !is_inside(file)).collect();
+    know.retain(imports);
+    assert!((1..=5).contains(&know.len()), "{know:?}");
 }
 
 /// A path may lead to a pipe that nobody writes to or a device that never ends: `src/files.rs` has what refuses them.

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use super::scene_args::one_of;
 use crate::design::objective::Prices;
-use crate::simulate::published::{Path, Phase, Roll};
+use crate::rig::{Path, Phase, Roll};
 
 /// A published experiment and what may be changed about it.
 #[derive(clap::Args, Debug, Clone)]

@@ -6,13 +6,12 @@
 //! equations 8 to 15.
 //!
 //! ```
-//! use outrigger::design::objective::{Objective, Weights};
-//! use outrigger::simulate::published::{Experiment, Placement, Preset, Simulator};
+//! use outrigger::design::objective::Objective;
+//! use outrigger::rig::MountDeg;
 //!
-//! let experiment = Experiment::published(Preset::named("paper-os1-64")?);
-//! let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
+//! let objective = Objective::published("paper-os1-64", |_| ())?;
 //! // one master: 6 cm to the right, tilted outward by 25 degrees; its mirror image comes with it
-//! let found = objective.evaluate(&[Placement::from([0.06, 0.0, 0.0, 25.0, 0.0])])?;
+//! let found = objective.evaluate(&[MountDeg::from([0.06, 0.0, 0.0, 25.0, 0.0])])?;
 //! assert_eq!(found.sensors, 2);
 //! assert_eq!(found.terms.coverage, found.unique_voxels as f64);
 //! assert_eq!(found.terms.cost, -2.0 * 2000.0);
@@ -23,16 +22,22 @@
 
 pub(crate) mod baselines;
 mod prices;
+mod published;
 mod settings;
 
+pub use crate::simulate::published::ExperimentError;
+pub(crate) use crate::simulate::published::PUBLISHED_SPREAD_DEG;
 pub(crate) use prices::{Prices, prices_by_model};
+pub use published::ObjectiveError;
+pub(crate) use published::POSE_STEP_M;
 pub(crate) use settings::{are_same_presets, other_score};
 
 use sensors::catalogue;
 
-use crate::design::registration::{DEGENERATE, RegistrationQuality, along_published};
+use crate::design::registration::{DEGENERATE, RegistrationQuality};
+use crate::rig::MountDeg;
 use crate::rig::{Clearance, MountedSensor, Rig};
-use crate::simulate::published::{ExperimentError, Placement, Preset, Simulator};
+use crate::simulate::published::{Preset, Simulator};
 use crate::world::coverage::Counts;
 
 /// Coefficients of J.
@@ -265,13 +270,18 @@ impl Objective {
         self
     }
 
+    /// The same with these weights; every type costs their price.
+    pub(crate) fn with_weights(self, weights: Weights) -> Self {
+        Self { prices: vec![weights.sensor_cost; self.prices.len()], weights, ..self }
+    }
+
     /// Price of a sensor of each type of the experiment.
     pub(crate) fn prices(&self) -> &[f64] {
         &self.prices
     }
 
     /// Price of these physical sensors together.
-    fn price(&self, sensors: &[Placement]) -> f64 {
+    fn price(&self, sensors: &[MountDeg]) -> f64 {
         let of = |(index, price): (usize, &f64)| {
             price * sensors.iter().filter(|sensor| sensor.sensor_type == index).count() as f64
         };
@@ -291,31 +301,26 @@ impl Objective {
     /// The terms of J from counted coverage, without the rest of an evaluation.
     pub(crate) fn terms(
         &self,
-        sensors: &[Placement],
+        sensors: &[MountDeg],
         counts: &Counts,
         quality: Option<&RegistrationQuality>,
     ) -> Terms {
-        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
         let mut terms = score(&self.weights, counts, min_angle_deg(&axes), self.price(sensors));
         terms.registration = quality.map_or(0.0, |quality| self.weights.registration_term(quality));
         terms
     }
 
     /// J of physical sensors as they are, without the rest of an evaluation.
-    pub(crate) fn score_sensors(&self, sensors: &[Placement]) -> Result<f64, ExperimentError> {
+    pub(crate) fn score_sensors(&self, sensors: &[MountDeg]) -> Result<f64, ExperimentError> {
         let counts = self.simulator.count(sensors)?;
         Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
     }
 
-    /// The same objective in another experiment with the same sensor types.
-    pub(crate) fn with_simulator(&self, simulator: Simulator) -> Self {
-        Self { simulator, ..self.clone() }
-    }
-
     /// Registration strength of the hits, with a weight or constraint: it costs as much as a coverage.
-    pub(crate) fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
+    pub(crate) fn registration(&self, sensors: &[MountDeg]) -> Option<RegistrationQuality> {
         let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;
-        asked.then(|| RegistrationQuality::of_scans(&along_published(&self.simulator, sensors)))?
+        asked.then(|| RegistrationQuality::of_scans(&self.scans(sensors)))?
     }
 
     /// By what share the conditioning falls short of what is needed; 0 when it does not.
@@ -329,8 +334,8 @@ impl Objective {
 
     /// Least distance between the origins of two sensors: both housings, or the least distance asked for where that is
     /// more, m.
-    pub fn needed_distance_m(&self, first: &Placement, second: &Placement) -> f64 {
-        let radius_m = |sensor: &Placement| self.housing(sensor).model.housing_radius_m;
+    pub fn needed_distance_m(&self, first: &MountDeg, second: &MountDeg) -> f64 {
+        let radius_m = |sensor: &MountDeg| self.housing(sensor).model.housing_radius_m;
         (radius_m(first) + radius_m(second)).max(self.least_distance_m)
     }
 
@@ -339,24 +344,24 @@ impl Objective {
         self.least_distance_m
     }
 
-    /// A sensor of a placement's type; of the first where there is no such type.
-    fn housing(&self, sensor: &Placement) -> &MountedSensor {
+    /// A sensor of a mount's type; of the first where there is no such type.
+    fn housing(&self, sensor: &MountDeg) -> &MountedSensor {
         self.housings.get(sensor.sensor_type).unwrap_or(&self.housings[0])
     }
 
     /// Scores masters: roll rule and mirror images as the experiment says.
-    pub fn evaluate(&self, masters: &[Placement]) -> Result<Evaluation, ExperimentError> {
-        self.evaluate_sensors(&self.simulator.experiment().sensors(masters))
+    pub fn evaluate(&self, masters: &[MountDeg]) -> Result<Evaluation, ExperimentError> {
+        self.evaluate_sensors(&self.sensors(masters))
     }
 
     /// Scores physical sensors as they are.
-    pub fn evaluate_sensors(&self, sensors: &[Placement]) -> Result<Evaluation, ExperimentError> {
+    pub fn evaluate_sensors(&self, sensors: &[MountDeg]) -> Result<Evaluation, ExperimentError> {
         Ok(self.score_counts(sensors, &self.simulator.count(sensors)?))
     }
 
     /// Scores sensors from counted coverage.
-    pub(crate) fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
-        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+    pub(crate) fn score_counts(&self, sensors: &[MountDeg], counts: &Counts) -> Evaluation {
+        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
         let min_angle_deg = min_angle_deg(&axes);
         let registration = self.registration(sensors);
         let terms = self.terms(sensors, counts, registration.as_ref());
@@ -386,7 +391,7 @@ impl Objective {
     }
 
     /// The pairs of sensors that are too close to each other.
-    fn too_close(&self, sensors: &[Placement]) -> Vec<Clearance> {
+    fn too_close(&self, sensors: &[MountDeg]) -> Vec<Clearance> {
         self.rig(sensors)
             .clearances(self.least_distance_m)
             .into_iter()
@@ -395,8 +400,8 @@ impl Objective {
     }
 
     /// The sensors with their housings, named by their numbers.
-    pub(crate) fn rig(&self, sensors: &[Placement]) -> Rig {
-        let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
+    pub(crate) fn rig(&self, sensors: &[MountDeg]) -> Rig {
+        let mounted = |(index, sensor): (usize, &MountDeg)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),
             ..self.housing(sensor).clone()

@@ -15,8 +15,6 @@ pub(crate) use along_path::PathRegistration;
 use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
 
-use crate::simulate::published::{Placement, Simulator};
-
 /// Least eigenvalue of translation per hit below which a direction is degenerate.
 pub const DEGENERATE: f64 = 3e-3;
 
@@ -121,28 +119,6 @@ fn schur(own: &Matrix3<f64>, cross: &Matrix3<f64>, other: &Matrix3<f64>) -> Matr
     }
     // symmetric to the last bit, as the eigenvalue solver expects
     (reduced + reduced.transpose()) * 0.5
-}
-
-/// Distance between the poses of a published experiment that are sampled, m.
-pub const POSE_STEP_M: usize = 5;
-/// Every so many of its columns count.
-const COLUMN_STEP: usize = 8;
-
-/// One sum of hits per looked-at pose of a published experiment: every 5 m, every 8th column, all sensors together, in
-/// the axes of the mount frame.
-pub(crate) fn along_published(simulator: &Simulator, sensors: &[Placement]) -> Vec<Information> {
-    let experiment = simulator.experiment();
-    let poses = (0..experiment.poses()).step_by(POSE_STEP_M * experiment.sub_poses);
-    let scan = |pose: usize| {
-        let mut information = Information::default();
-        for sensor in sensors {
-            simulator.sparse_hits(sensor, pose, COLUMN_STEP, |from_body_m, normal| {
-                information.add(from_body_m.into(), normal.into());
-            });
-        }
-        information
-    };
-    poses.map(scan).collect()
 }
 
 /// Registration strength of the scans along a path.
@@ -269,50 +245,6 @@ mod tests {
         let seen = look("os1-64", &[25.0, -25.0], corridor);
         assert!(seen.translation.least() < 1e-12 && seen.translation.weakest.x.abs() > 0.999_999, "{seen:?}");
         assert!(seen.translation.eigenvalues[1] > 0.1 && seen.rotation_m2.least() > 0.1, "{seen:?}");
-    }
-
-    /// Figures from an independent program (numpy, a pseudo-inverse instead of the eigenvalues): 5th percentile and
-    /// median of translation, then of rotation.
-    #[test]
-    fn the_published_walk_is_observable_as_computed_elsewhere() {
-        use crate::simulate::published::{Experiment, Preset};
-        let level = vec![[0.0; 5].into()];
-        let pair = vec![[0.06, 0.1, -0.05, 25.0, 0.0].into(), [-0.06, 0.1, -0.05, -25.0, 0.0].into()];
-        for (preset, sensors, expected) in [
-            (
-                "paper-vlp-16",
-                &level,
-                [0.138288494449793, 0.230837286303301, 21.4151798202883, 29.0757096375488],
-            ),
-            (
-                "paper-os1-64",
-                &level,
-                [0.121667394451864, 0.198121632756250, 22.6942660467668, 27.0964059335269],
-            ),
-            (
-                "paper-vlp-16",
-                &pair,
-                [0.128500624184174, 0.140083579198435, 31.9657589393340, 35.4218688838908],
-            ),
-            (
-                "paper-os1-64",
-                &pair,
-                [0.126918368385795, 0.168801114529027, 32.8552570066808, 37.1828226925162],
-            ),
-        ] {
-            let experiment = Experiment::published(Preset::named(preset).unwrap());
-            let scans = along_published(&Simulator::new(&experiment).unwrap(), sensors);
-            assert_eq!(scans.len(), 9);
-            let quality = RegistrationQuality::of_scans(&scans).unwrap();
-            let found = [
-                quality.translation_p5,
-                quality.translation_median,
-                quality.rotation_p5_m2,
-                quality.rotation_median_m2,
-            ];
-            let off = found.iter().zip(expected).map(|(found, expected)| (found / expected - 1.0).abs());
-            assert!(off.fold(0.0, f64::max) < 1e-9, "{preset}: {found:?}");
-        }
     }
 
     #[test]

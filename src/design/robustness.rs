@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::rng::Rng;
 use crate::base::statistics::index_of_max;
-use crate::design::objective::Objective;
-use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+use crate::design::objective::{ExperimentError, Objective};
+use crate::rig::{MountDeg, Phase};
 
 /// How far a built rig may be from the planned one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,15 +115,15 @@ impl Robustness {
         }
         let mut objectives = vec![objective.clone()];
         if free_phase {
-            let experiment = *objective.simulator().experiment();
             objectives = (0..draws)
                 .map(|draw| {
                     // the same stratified phases for every seed: evenly spread over a step of the azimuth
                     let phase_shift = (draw as f64 + 0.5) / draws as f64;
-                    let freed = Experiment { phase: Phase::Free, phase_shift, ..experiment };
-                    Ok(objective.with_simulator(Simulator::new(&freed)?))
+                    objective.changed(|experiment| {
+                        (experiment.phase, experiment.phase_shift) = (Phase::Free, phase_shift);
+                    })
                 })
-                .collect::<Result<_, ExperimentError>>()?;
+                .collect::<Result<_, _>>()?;
         }
         Ok(Self { tolerance, seed, objectives, draws })
     }
@@ -134,7 +134,7 @@ impl Robustness {
     }
 
     /// The sensors as they might be built, one draw.
-    fn built(&self, sensors: &[Placement], draw: usize) -> Vec<Placement> {
+    fn built(&self, sensors: &[MountDeg], draw: usize) -> Vec<MountDeg> {
         let Tolerance { position_m, angle_deg, .. } = self.tolerance;
         sensors
             .iter()
@@ -142,7 +142,7 @@ impl Robustness {
             .map(|(index, sensor)| {
                 let mut rng = Rng::new(self.seed, ((draw as u64) << 16) | index as u64);
                 let mut off = |most: f64| rng.between(-most, most);
-                Placement {
+                MountDeg {
                     x_m: sensor.x_m + off(position_m),
                     y_m: sensor.y_m + off(position_m),
                     z_m: sensor.z_m + off(position_m),
@@ -158,12 +158,12 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn scores(&self, sensors: &[Placement]) -> Result<Vec<f64>, ExperimentError> {
+    pub(crate) fn scores(&self, sensors: &[MountDeg]) -> Result<Vec<f64>, ExperimentError> {
         self.some_scores(sensors, 1)
     }
 
     /// J of every `step`-th draw.
-    fn some_scores(&self, sensors: &[Placement], step: usize) -> Result<Vec<f64>, ExperimentError> {
+    fn some_scores(&self, sensors: &[MountDeg], step: usize) -> Result<Vec<f64>, ExperimentError> {
         (0..self.draws)
             .step_by(step)
             .map(|draw| {
@@ -180,7 +180,7 @@ impl Robustness {
     /// Those of the objective.
     pub(crate) fn choose(
         &self,
-        candidates: &[Vec<Placement>],
+        candidates: &[Vec<MountDeg>],
         criterion: Criterion,
         stop: &AtomicBool,
     ) -> Result<Option<Choice>, ExperimentError> {
@@ -210,9 +210,8 @@ impl Robustness {
         let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
         let best = index_of_max(&counts);
         let few = self.draws.div_ceil(FEW);
-        let experiment = self.objectives[0].simulator().experiment();
-        let first_rays: u64 = candidates.iter().map(|sensors| experiment.rays(sensors)).sum();
-        let rays: u64 = finalists.iter().map(|&at| experiment.rays(&candidates[at])).sum();
+        let first_rays: u64 = candidates.iter().map(|sensors| self.objectives[0].rays(sensors)).sum();
+        let rays: u64 = finalists.iter().map(|&at| self.objectives[0].rays(&candidates[at])).sum();
         Ok(Some(Choice {
             best: finalists[best],
             evaluations: candidates.len() * few + finalists.len() * self.draws,
@@ -226,7 +225,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn judge(&self, sensors: &[Placement], criterion: Criterion) -> Result<f64, ExperimentError> {
+    pub(crate) fn judge(&self, sensors: &[MountDeg], criterion: Criterion) -> Result<f64, ExperimentError> {
         Ok(self.spread(sensors)?.counts(criterion))
     }
 
@@ -234,7 +233,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn spread(&self, sensors: &[Placement]) -> Result<Spread, ExperimentError> {
+    pub(crate) fn spread(&self, sensors: &[MountDeg]) -> Result<Spread, ExperimentError> {
         Ok(Spread::of(&self.scores(sensors)?))
     }
 }

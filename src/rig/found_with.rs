@@ -46,3 +46,50 @@ pub enum Phase {
     /// zero direction component are then not lost.
     Free,
 }
+
+/// What happens to the roll of a mount.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Roll {
+    /// Replaced by this angle, degrees.
+    Fixed(f64),
+    /// No change.
+    Free,
+}
+
+impl Path {
+    /// As flags and files call it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Path::Lateral => "lateral",
+            Path::Forward => "forward",
+        }
+    }
+
+    pub(crate) fn axis(self) -> usize {
+        match self {
+            Path::Lateral => 0,
+            Path::Forward => 1,
+        }
+    }
+}
+
+impl Phase {
+    /// As flags and files call it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Locked => "locked",
+            Self::Free => "free",
+        }
+    }
+
+    /// How far the pattern has turned at a pose, counted from 0, in steps from azimuth to azimuth; `shift` is where a free
+    /// one starts.
+    pub(crate) fn turn(self, pose: u64, shift: f64) -> f64 {
+        /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        match self {
+            Self::Locked => 0.0,
+            Self::Free => ((pose + 1) as f64 * GOLDEN + shift).fract(),
+        }
+    }
+}

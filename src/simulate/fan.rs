@@ -10,10 +10,9 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use sensors::SensorModel;
 
-use super::published::Phase;
 use super::rounds::{is_worth_settling, rounds};
 use crate::base::geometry::BODY_FROM_MOUNT_FRAME;
-use crate::rig::Mount;
+use crate::rig::{Mount, Phase};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::Scene;
 use crate::world::surface::Completeness;

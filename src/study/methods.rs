@@ -12,7 +12,7 @@ use crate::design::objective::Objective;
 use crate::design::optimize::{FinalLook, Kind};
 use crate::design::robustness::{Robustness, Tolerance};
 use crate::report::chart;
-use crate::simulate::published::{Experiment, Phase, Placement};
+use crate::rig::MountDeg;
 
 const BUDGETS: [usize; 4] = [56, 80, 300, 3500];
 const PLACES: [(&str, &str); 4] = [
@@ -73,8 +73,8 @@ impl Study for Methods {
         let task = searches::task(task)?;
         let found = task.run()?;
         let judges = Judges::new(&task, &found.objective)?;
-        let judged = |mut row: Row, masters: &[Placement]| {
-            judges.judge(&mut row, &found.objective.simulator().experiment().sensors(masters))?;
+        let judged = |mut row: Row, masters: &[MountDeg]| {
+            judges.judge(&mut row, &found.objective.sensors(masters))?;
             Ok::<_, StudyError>(row)
         };
         let mut rows = vec![judged(found.row.clone(), &found.masters)?];
@@ -120,9 +120,7 @@ struct Judges {
 
 impl Judges {
     fn new(task: &SearchTask, objective: &Objective) -> Result<Self, StudyError> {
-        let sampled = |(azimuths, sub_poses)| {
-            task.objective(&Experiment { azimuths, sub_poses, phase: Phase::Free, ..task.experiment()? })
-        };
+        let sampled = |finer| searches::sampled(&task.objective()?, finer);
         let judge = |objective: &Objective, draws, seed| {
             Robustness::new(objective, TOLERANCE, draws, seed).map_err(StudyError::of)
         };
@@ -133,7 +131,7 @@ impl Judges {
         })
     }
 
-    fn judge(&self, row: &mut Row, sensors: &[Placement]) -> Result<(), StudyError> {
+    fn judge(&self, row: &mut Row, sensors: &[MountDeg]) -> Result<(), StudyError> {
         let spread = self.tolerance.spread(sensors).map_err(StudyError::of)?;
         row.insert("j_tolerance_mean".into(), json!(spread.mean));
         row.insert("j_tolerance_sd".into(), json!(spread.deviation));

@@ -11,7 +11,7 @@ use super::rows::{Row, row_of};
 use super::{StudyError, rows};
 use crate::design::objective::{Objective, Weights};
 use crate::design::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
-use crate::simulate::published::{Experiment, Path, Placement, Preset, Roll, Simulator};
+use crate::rig::{MountDeg, Path, Phase, Roll};
 
 /// Price of an angle of 0 where a least one is asked for: above all voxels there are.
 const DEAR: f64 = 1e6;
@@ -45,11 +45,22 @@ pub struct SearchTask {
 pub struct Found {
     pub objective: Objective,
     /// The masters it ended with.
-    pub masters: Vec<Placement>,
+    pub masters: Vec<MountDeg>,
     /// The best masters that lie apart, best first.
-    pub shortlist: Vec<Vec<Placement>>,
+    pub shortlist: Vec<Vec<MountDeg>>,
     /// The row: the task's fields, the evaluation's, history and times.
     pub row: Row,
+}
+
+/// An objective with so many columns and poses per metre, and a free phase.
+pub(super) fn sampled(
+    objective: &Objective,
+    (azimuths, sub_poses): (usize, usize),
+) -> Result<Objective, StudyError> {
+    let sampled = objective.changed(|experiment| {
+        (experiment.azimuths, experiment.sub_poses, experiment.phase) = (azimuths, sub_poses, Phase::Free);
+    });
+    sampled.map_err(StudyError::of)
 }
 
 impl SearchTask {
@@ -71,34 +82,31 @@ impl SearchTask {
         }
     }
 
-    pub(crate) fn experiment(&self) -> Result<Experiment, StudyError> {
-        let preset = Preset::named(&self.preset).map_err(StudyError::of)?;
+    /// The objective that is searched.
+    pub(crate) fn objective(&self) -> Result<Objective, StudyError> {
         let path = match self.path.as_str() {
             "lateral" => Path::Lateral,
             "forward" => Path::Forward,
             other => return Err(StudyError(format!("path {other:?}: lateral or forward was expected"))),
         };
-        let roll = self.roll_deg.map_or(Roll::Free, Roll::Fixed);
-        Ok(Experiment { path, roll, mirror: self.mirror, ..Experiment::published(preset) })
-    }
-
-    /// The objective in this or another experiment.
-    pub(crate) fn objective(&self, experiment: &Experiment) -> Result<Objective, StudyError> {
+        let published = Objective::published(&self.preset, |experiment| {
+            experiment.path = path;
+            experiment.roll = self.roll_deg.map_or(Roll::Free, Roll::Fixed);
+            experiment.mirror = self.mirror;
+        });
         let mut weights = Weights { sensor_cost: self.lambda, ..Weights::default() };
         if let Some(angle_deg) = self.least_angle_deg {
             // an angle of nothing always stays
             (weights.angle_min_deg, weights.angle_penalty) = (angle_deg, DEAR);
         }
-        let simulator = Simulator::new(experiment).map_err(StudyError::of)?;
-        Objective::new(simulator, weights, 0.0).map_err(StudyError::of)
+        Ok(published.map_err(StudyError::of)?.with_weights(weights))
     }
 
     /// Searches.
     pub(crate) fn run(&self) -> Result<Found, StudyError> {
-        let experiment = self.experiment()?;
-        let objective = self.objective(&experiment)?;
+        let objective = self.objective()?;
         let [masters_min, masters_max] = self.masters;
-        let search = MountSearch { masters_min, ..MountSearch::of(&experiment, masters_max) };
+        let search = MountSearch { masters_min, ..MountSearch::of(&objective, masters_max) };
         let problem = MountProblem::with_search(objective.clone(), search, KeepApart::None);
         let settings =
             Settings { early_stop: self.as_published, ..Settings::new(self.seed, self.evaluations) };

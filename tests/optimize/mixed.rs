@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use outrigger::base::rng::Rng;
 use outrigger::design::objective::{Objective, Weights};
 use outrigger::design::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
-use outrigger::simulate::published::{Experiment, Path, Phase, Placement, Preset, Roll, Simulator};
+use outrigger::rig::{MountDeg, Path, Phase, Roll};
+use outrigger::simulate::published::{Experiment, Preset, Simulator};
 
 use super::command::{json, outrigger};
 
@@ -23,11 +24,11 @@ fn objective(experiment: &Experiment, prices: [f64; 2]) -> Objective {
 }
 
 /// Masters of both types in turn, three of them.
-fn masters(rng: &mut Rng) -> Vec<Placement> {
+fn masters(rng: &mut Rng) -> Vec<MountDeg> {
     let ranges = [(-0.1, 0.15), (-0.25, 0.25), (-0.15, 0.15), (-90.0, 90.0), (-20.0, 20.0)];
     let one = |index: usize| {
         let values = ranges.map(|(low, high)| rng.between(low, high));
-        Placement { sensor_type: (index + 1) % 2, ..Placement::from(values) }
+        MountDeg { sensor_type: (index + 1) % 2, ..MountDeg::from(values) }
     };
     (0..3).map(one).collect()
 }
@@ -51,7 +52,7 @@ pub fn a_mixed_rig_sees_what_its_sensors_see() {
         let mut voxels = Vec::new();
         let mut price = 0.0;
         for sensor in &sensors {
-            let of_its_own = Placement { sensor_type: 0, ..*sensor };
+            let of_its_own = MountDeg { sensor_type: 0, ..*sensor };
             let seen = alone[sensor.sensor_type].coverage_by_definition(&[of_its_own]).unwrap();
             let seen = seen.coverage.union();
             union.resize(seen.len(), 0_u64);
@@ -85,18 +86,17 @@ pub fn a_mixed_rig_sees_what_its_sensors_see() {
 pub fn types_that_are_not_used_change_nothing() {
     let mut rng = Rng::new(22, 0);
     for (index, preset) in presets().into_iter().enumerate() {
-        let single = Experiment::published(preset);
-        let alone = Objective::new(Simulator::new(&single).unwrap(), Weights::default(), 0.0).unwrap();
+        let alone = Objective::published(preset.name, |_| ()).unwrap();
         let both = objective(&mixed(), [2000.0; 2]);
         let masters = masters(&mut rng);
-        let of_type = |sensor_type: usize| -> Vec<Placement> {
-            masters.iter().map(|master| Placement { sensor_type, ..*master }).collect()
+        let of_type = |sensor_type: usize| -> Vec<MountDeg> {
+            masters.iter().map(|master| MountDeg { sensor_type, ..*master }).collect()
         };
         let evaluation = alone.evaluate(&of_type(0)).unwrap();
         assert_eq!(both.evaluate(&of_type(index)).unwrap(), evaluation);
         // one preset makes the experiment and the space that there always were
-        assert_eq!(Experiment::mixed(&[preset]).unwrap(), single);
-        assert_eq!(MountSearch::of(&single, 5).space().unwrap().len(), 21);
+        assert_eq!(Experiment::mixed(&[preset]).unwrap(), *alone.simulator().experiment());
+        assert_eq!(MountSearch::of(&alone, 5).space().unwrap().len(), 21);
     }
 }
 
@@ -185,7 +185,7 @@ pub fn a_mixed_search_is_the_same_resumed_and_on_any_threads() {
 pub fn unlike_housings_keep_their_own_distance() {
     let experiment = Experiment { mirror: false, ..mixed() };
     let objective = objective(&experiment, [2000.0; 2]);
-    let at = |x_m: f64, sensor_type| Placement { x_m, sensor_type, ..Placement::default() };
+    let at = |x_m: f64, sensor_type| MountDeg { x_m, sensor_type, ..MountDeg::default() };
     let radius_m = |model: &str| sensors::catalogue::nominal(model).unwrap().housing_radius_m;
     let (ouster_m, velodyne_m) = (radius_m("os1-64"), radius_m("vlp-16"));
     assert!(velodyne_m > ouster_m + 0.005, "{ouster_m} {velodyne_m}");
@@ -217,8 +217,8 @@ pub fn experiments_that_cannot_share_a_rig_are_refused() {
     for bad in [&[][..], &[ouster, ouster], &[ouster, velodyne, ouster]] {
         assert!(Experiment::mixed(bad).unwrap_err().to_string().contains("make no rig"));
     }
-    let stranger = Placement { sensor_type: 2, ..Placement::default() };
-    let error = Simulator::new(&mixed()).unwrap().count(&[Placement::default(), stranger]).unwrap_err();
+    let stranger = MountDeg { sensor_type: 2, ..MountDeg::default() };
+    let error = Simulator::new(&mixed()).unwrap().count(&[MountDeg::default(), stranger]).unwrap_err();
     assert!(error.to_string().contains("sensor 2 is of type 2"), "{error}");
 }
 

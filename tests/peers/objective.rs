@@ -6,7 +6,8 @@
 use std::io::{BufRead as _, Write as _};
 
 use outrigger::design::objective::{Objective, Weights};
-use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Simulator};
+use outrigger::rig::{MountDeg, Path, Roll};
+use outrigger::simulate::published::{Experiment, Preset, Simulator};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -30,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut out = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines() {
         let masters: Vec<[f64; 5]> = serde_json::from_str(&line?)?;
-        let masters: Vec<Placement> = masters.into_iter().map(Placement::from).collect();
+        let masters: Vec<MountDeg> = masters.into_iter().map(MountDeg::from).collect();
         writeln!(out, "{}", objective.evaluate(&masters)?.objective)?;
         out.flush()?;
     }

@@ -14,7 +14,6 @@ use crate::base::files::write_json;
 use crate::mock::demo::{self, DemoFault, Document, FORMAT, Walk};
 use crate::recording::Session;
 use crate::world::coverage::VoxelGrid;
-use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::Gait;
 
 use folder::{REPORT_HTML, REPORT_JSON, SESSION, prepare_folder};
@@ -59,10 +58,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     progress.stage("optimize", "1/5 searching the best pitches");
     let plan = demo::search(&args.preset, args.evals as usize, args.seed, &progress.bar.progress())?;
     plan.mount.write(&args.out.join("mount.json"))?;
-    let scene = Scene::Box(BoxScene::closed(plan.preset.box_min_m.into(), plan.preset.box_max_m.into()));
-    let path = demo::straight_path(plan.preset, args.speed);
+    let scene = plan.hall();
+    let path = plan.straight_path(args.speed);
     let trajectory = Gait::default().walk(&path);
-    let grid = VoxelGrid::centred_on(scene.bounds_m(), plan.preset.voxel_m);
+    let grid = VoxelGrid::centred_on(scene.bounds_m(), plan.voxel_m());
     let walk = Walk {
         scene: &scene,
         planned: &path,

@@ -4,7 +4,8 @@ use super::ExperimentArgs;
 use crate::commands::{ensure_consistent, wrong_usage};
 use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
 use crate::rig::MountFile;
-use crate::simulate::published::{Experiment, ExperimentError, Preset, Roll, Simulator};
+use crate::rig::Roll;
+use crate::simulate::published::{Experiment, ExperimentError, Preset, Simulator};
 
 /// Most columns of a published experiment.
 const MAX_COLUMNS: usize = 8192;
@@ -83,7 +84,7 @@ impl ExperimentArgs {
         let (registration, least_conditioning) =
             (self.registration_weight.unwrap_or(0.0), self.min_conditioning.unwrap_or(0.0));
         let is_size = |number: f64| number.is_finite() && number >= 0.0;
-        let prices = self.lambda.clone().unwrap_or_default().of(&experiment).map_err(wrong_usage)?;
+        let prices = self.lambda.clone().unwrap_or_default().of(&experiment.models()).map_err(wrong_usage)?;
         ensure_consistent([
             (
                 !is_size(least_distance_m),

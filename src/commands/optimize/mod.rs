@@ -24,7 +24,7 @@ use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::design::optimize::state_file::{self, StateError};
 use crate::design::optimize::{MountProblem, Refiner, Search, SearchRun};
-use crate::simulate::published::Roll;
+use crate::rig::Roll;
 use final_look::{judged, proved};
 use published_document::{Ended, document, write};
 
@@ -35,7 +35,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     output::check_places([&args.out, &args.export_published, &args.csv, &args.report, &args.resume])?;
     let given = args.experiment.objective(Roll::Fixed(0.0))?;
-    unused::refuse_mixed(args, given.simulator().experiment())?;
+    unused::refuse_mixed(args, &given.simulator().experiment().models())?;
     let refiner = spec::refiner(args, &given)?;
     let objective = refiner.as_ref().map_or(&given, Refiner::objective).clone();
     let problem = spec::problem(args, context, objective)?;

@@ -6,8 +6,8 @@ use super::args::Args;
 use crate::base::files;
 use crate::design::optimize::{JudgedShortlist, MountProblem, Refinement, RunEnd, Search, Trial};
 use crate::report::search::{Best, Document, Proved, page};
+use crate::rig::MountDeg;
 use crate::rig::MountFile;
-use crate::simulate::published::Placement;
 
 /// What is known of the best mount when the search has ended.
 pub(super) struct Ended<'a> {
@@ -22,7 +22,7 @@ pub(super) struct Ended<'a> {
 pub(super) fn document(
     args: &Args,
     problem: &MountProblem,
-    masters: &[Placement],
+    masters: &[MountDeg],
     ended: Ended<'_>,
 ) -> anyhow::Result<Document> {
     let Ended { search, run, proved, refined, judged, .. } = ended;
@@ -67,7 +67,7 @@ pub(super) fn write(
     args: &Args,
     problem: &MountProblem,
     file: &MountFile,
-    masters: &[Placement],
+    masters: &[MountDeg],
     document: &Document,
 ) -> anyhow::Result<()> {
     if let Some(path) = &args.csv {
@@ -75,10 +75,10 @@ pub(super) fn write(
         files::write_whole(path, csv.as_bytes()).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let simulator = problem.objective().simulator();
-        let seen = simulator.see(&simulator.experiment().sensors(masters))?;
+        let objective = problem.objective();
+        let seen = objective.simulator().see(&objective.sensors(masters))?;
         let rig = file.rig()?;
-        let page = page(document, file, &seen.coverage, (&simulator.experiment().preset, &rig));
+        let page = page(document, file, &seen.coverage, (objective, &rig));
         page.write(path).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.out {

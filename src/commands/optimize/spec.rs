@@ -40,7 +40,7 @@ pub(crate) fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) ->
 
 /// What is searched, as asked for.
 pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
-    let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
+    let mut search = MountSearch::of(&objective, args.masters_max);
     let (least, most) = (args.masters_min, args.masters_max);
     ensure_consistent([
         (least > most, format!("--masters-min {least} is above --masters-max {most}")),

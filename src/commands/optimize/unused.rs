@@ -3,14 +3,12 @@
 use super::args::Args;
 use crate::commands::{Context, ensure_consistent};
 use crate::design::optimize::Kind;
-use crate::simulate::published::Experiment;
 
 /// What knows one sensor type only is refused where a rig may have several.
-pub(crate) fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
-    if !experiment.is_mixed() {
+pub(crate) fn refuse_mixed(args: &Args, models: &[&str]) -> anyhow::Result<()> {
+    if models.len() == 1 {
         return Ok(());
     }
-    let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
     let models = models.join(" and ");
     let certify = "--certify bounds rigs of one sensor type, and";
     let export = "--export-published: the published layout has one sensor type, and";

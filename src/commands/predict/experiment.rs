@@ -12,9 +12,9 @@ use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
 use crate::design::objective::{Objective, other_score};
 use crate::report::score::{Document, page};
+use crate::rig::Masters;
 use crate::rig::MountFile;
-use crate::simulate::published::Masters;
-use crate::simulate::published::{Experiment, Placement, Roll};
+use crate::rig::{MountDeg, Roll};
 
 /// How a published experiment is scored.
 #[derive(clap::Args, Debug)]
@@ -23,7 +23,7 @@ pub struct ScoringArgs {
     #[arg(long, value_name = "RUNS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
     rescore: u32,
     /// Divergence of the re-score: standard deviation of each component of a ray's direction.
-    #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG, value_parser = crate::commands::ranges::within(0.0, 90.0))]
+    #[arg(long, value_name = "DEG", default_value_t = crate::design::objective::PUBLISHED_SPREAD_DEG, value_parser = crate::commands::ranges::within(0.0, 90.0))]
     divergence: f64,
     /// Error of J that --fidelity auto may leave, percent of J.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0, value_parser = crate::commands::ranges::within(1e-9, 100.0))]
@@ -43,7 +43,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::check_places([&args.report])?;
     let start = Instant::now();
     let seen = objective.simulator().see(&sensors)?;
-    let mut document = Document::new(&objective, &sensors, &seen, start.elapsed().as_secs_f64());
+    let mut document =
+        Document::new(&objective, &sensors, (&seen.coverage, seen.lost_rays), start.elapsed().as_secs_f64());
     if args.baselines {
         document.baselines = Some(baselines(&objective, &sensors)?);
     }
@@ -91,7 +92,7 @@ fn fidelity_asked(args: &Args) -> FidelityArg {
 /// What to score.
 struct Request {
     objective: Objective,
-    sensors: Vec<Placement>,
+    sensors: Vec<MountDeg>,
     /// The score that the mount file states.
     stated: Option<f64>,
     /// Why that may be another one than is found here.
@@ -101,13 +102,13 @@ struct Request {
 fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Request> {
     let objective = args.experiment.objective(Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
-    let masters = &masters.of(experiment).map_err(wrong_usage)?;
+    let masters = &masters.of(&experiment.models()).map_err(wrong_usage)?;
     if experiment.replaces_a_roll(masters) {
         output::say_notice(
             "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",
         );
     }
-    let sensors = experiment.sensors(masters);
+    let sensors = objective.sensors(masters);
     Ok(Request { objective, sensors, stated: None, reason: String::new() })
 }
 
@@ -131,8 +132,7 @@ fn from_file(args: &Args, path: &Path) -> anyhow::Result<Request> {
     if is_rolled_otherwise {
         output::say_notice("the roll in the mount file is replaced, as --roll says");
     }
-    let as_listed = Experiment { mirror: false, ..*experiment };
-    let sensors = as_listed.sensors(&listed);
+    let sensors = experiment.without_images().sensors(&listed);
     let reason = other_score(&file, &objective, is_rolled_otherwise);
     Ok(Request { objective, sensors, stated: file.objective, reason })
 }

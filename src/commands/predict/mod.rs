@@ -15,8 +15,8 @@ use super::scene_args::{MeshArgs, Room, SampleArgs};
 use super::scene_file::MapArgs;
 use super::trajectory_args::TrajectoryArgs;
 use super::{Context, Outcome, output};
+use crate::rig::Masters;
 use crate::rig::UnitChoice;
-use crate::simulate::published::Masters;
 
 /// Arguments of `predict`.
 #[derive(clap::Args, Debug)]

@@ -4,8 +4,8 @@ use anyhow::bail;
 
 use super::Args;
 use crate::commands::{output, wrong_usage};
+use crate::rig::MountDeg;
 use crate::rig::{MountFile, MountedSensor, Rig, Unit, UnitChoice};
-use crate::simulate::published::Placement;
 
 pub(super) fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     let (units, rig) = match (&args.mounts, &args.sensors[..], &args.mount) {
@@ -16,7 +16,7 @@ pub(super) fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
             output::say_notice(&format!(
                 "one {model}, level at the platform's origin; --mounts or --mount gives another mount"
             ));
-            mounted(&[Placement::default()], models, &args.sensor)?
+            mounted(&[MountDeg::default()], models, &args.sensor)?
         }
         (None, [], Some(path)) => {
             let file = MountFile::read(path)?;
@@ -38,7 +38,7 @@ pub(super) fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
 
 /// The sensors of `--mounts`, of these models.
 fn mounted(
-    mounts: &[Placement],
+    mounts: &[MountDeg],
     models: &[String],
     choices: &[UnitChoice],
 ) -> anyhow::Result<(Vec<Unit>, Rig)> {
@@ -58,10 +58,10 @@ fn mounted(
             mounts.len()
         ),
     };
-    let sensor = |(index, (unit, placement)): (usize, (&Unit, &Placement))| MountedSensor {
+    let sensor = |(index, (unit, mount)): (usize, (&Unit, &MountDeg))| MountedSensor {
         name: format!("sensor {}", index + 1),
         model: unit.model.clone(),
-        mount: placement.mount(),
+        mount: mount.mount(),
     };
     let sensors = units.iter().zip(mounts).enumerate().map(sensor).collect();
     Ok((units, Rig { sensors }))

@@ -7,9 +7,9 @@ use serde::Serialize;
 
 use super::{BoxLadder, Ladder as _, Settled, settle};
 use crate::base::numbers::number;
-use crate::design::objective::Objective;
+use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
+use crate::rig::MountDeg;
 use crate::simulate::occluder::Occluder;
-use crate::simulate::published::{ExperimentError, PUBLISHED_SPREAD_DEG, Placement};
 
 /// The score under the finest sampling.
 #[derive(Serialize)]
@@ -45,7 +45,7 @@ impl MountFidelity {
     /// Those of the objective.
     pub(crate) fn measure(
         objective: &Objective,
-        sensors: &[Placement],
+        sensors: &[MountDeg],
         tolerance: f64,
     ) -> Result<Self, ExperimentError> {
         let ladder = BoxLadder::new(objective)?;
@@ -76,7 +76,7 @@ impl MountFidelity {
 }
 
 /// The publication's own noise on directions, at the fineness that was given.
-fn spread(objective: &Objective, sensors: &[Placement]) -> Result<Omission, ExperimentError> {
+fn spread(objective: &Objective, sensors: &[MountDeg]) -> Result<Omission, ExperimentError> {
     let simulator = objective.simulator();
     let plain = objective.score_sensors(sensors)?;
     let mut sum = 0.0;
@@ -101,7 +101,7 @@ fn spread(objective: &Objective, sensors: &[Placement]) -> Result<Omission, Expe
 }
 
 /// The other sensors' housings, which the published experiment looks through.
-fn housings(objective: &Objective, sensors: &[Placement]) -> Omission {
+fn housings(objective: &Objective, sensors: &[MountDeg]) -> Omission {
     let rig = objective.rig(sensors);
     let experiment = objective.simulator().experiment();
     let (mut blocked, mut rays) = (0_u32, 0_u32);

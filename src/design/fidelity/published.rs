@@ -1,8 +1,8 @@
 //! The published experiment at any fineness.
 
 use super::Ladder;
-use crate::design::objective::Objective;
-use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+use crate::design::objective::{ExperimentError, Objective};
+use crate::rig::{MountDeg, Phase};
 
 /// Factors on azimuths and on poses per metre, level by level.
 const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
@@ -20,15 +20,12 @@ impl BoxLadder {
     /// # Errors
     /// A level that cannot be made: too many azimuths or poses.
     pub(crate) fn new(objective: &Objective) -> Result<Self, ExperimentError> {
-        let own = *objective.simulator().experiment();
         let level = |(azimuths, sub_poses): (usize, usize)| {
-            let experiment = Experiment {
-                azimuths: own.azimuths * azimuths,
-                sub_poses: own.sub_poses * sub_poses,
-                phase: Phase::Free,
-                ..own
-            };
-            Ok(objective.with_simulator(Simulator::new(&experiment)?))
+            objective.changed(|experiment| {
+                experiment.azimuths *= azimuths;
+                experiment.sub_poses *= sub_poses;
+                experiment.phase = Phase::Free;
+            })
         };
         Ok(Self { objectives: LEVELS.into_iter().map(level).collect::<Result<_, _>>()? })
     }
@@ -41,7 +38,7 @@ impl BoxLadder {
 
 impl Ladder for BoxLadder {
     /// Physical sensors.
-    type Candidate = Vec<Placement>;
+    type Candidate = Vec<MountDeg>;
     /// The kernel counts too fast for it to pay to keep what was seen.
     type Memo = ();
     type Error = ExperimentError;
@@ -50,8 +47,8 @@ impl Ladder for BoxLadder {
         self.objectives.len()
     }
 
-    fn rays(&self, level: usize, sensors: &Vec<Placement>) -> u64 {
-        self.objectives[level].simulator().experiment().rays(sensors)
+    fn rays(&self, level: usize, sensors: &Vec<MountDeg>) -> u64 {
+        self.objectives[level].rays(sensors)
     }
 
     fn name(&self, level: usize) -> String {
@@ -59,7 +56,7 @@ impl Ladder for BoxLadder {
         format!("{} azimuths, {} poses per metre", experiment.azimuths, experiment.sub_poses)
     }
 
-    fn score(&self, level: usize, sensors: &Vec<Placement>, (): &mut ()) -> Result<f64, ExperimentError> {
+    fn score(&self, level: usize, sensors: &Vec<MountDeg>, (): &mut ()) -> Result<f64, ExperimentError> {
         self.objectives[level].score_sensors(sensors)
     }
 }

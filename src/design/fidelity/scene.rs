@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::Ladder;
+use crate::rig::Phase;
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::fan::BeamFan;
-use crate::simulate::published::Phase;
 use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::Scene;

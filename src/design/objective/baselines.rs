@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::Objective;
+use super::{ExperimentError, Objective};
+use crate::rig::MountDeg;
 use crate::simulate::baselines::{Baselines, Single, best_pitch, level_mount};
-use crate::simulate::published::{ExperimentError, Placement, Preset};
 
 /// Pitches tried for the best single sensor, degrees: 0 to this in steps of 1, as hall and walk are symmetric.
 const MAX_PITCH_DEG: u32 = 90;
@@ -25,10 +25,10 @@ pub(crate) struct SingleScore {
 /// the single sensor that scores higher.
 pub(crate) fn baselines(
     objective: &Objective,
-    sensors: &[Placement],
+    sensors: &[MountDeg],
 ) -> Result<Baselines<SingleScore>, ExperimentError> {
-    let of_types = objective.simulator().experiment().types().enumerate();
-    let of_type = |(sensor_type, preset): (usize, &Preset)| one_type(objective, sensors, sensor_type, preset);
+    let of_types = objective.simulator().experiment().models().into_iter().enumerate();
+    let of_type = |(sensor_type, model)| one_type(objective, sensors, sensor_type, model);
     let mut all = of_types.map(of_type).collect::<Result<Vec<_>, _>>()?.into_iter();
     let first = all.next().ok_or(ExperimentError::NoSensors)?;
     let better = |a: Baselines<SingleScore>, b: Baselines<SingleScore>| {
@@ -39,16 +39,16 @@ pub(crate) fn baselines(
 
 fn one_type(
     objective: &Objective,
-    sensors: &[Placement],
+    sensors: &[MountDeg],
     sensor_type: usize,
-    preset: &Preset,
+    model: &str,
 ) -> Result<Baselines<SingleScore>, ExperimentError> {
     let simulator = objective.simulator();
-    let mounts: Vec<_> = sensors.iter().map(Placement::mount).collect();
+    let mounts: Vec<_> = sensors.iter().map(MountDeg::mount).collect();
     let level = level_mount(&mounts);
-    let at = |pitch_deg: f64| Placement {
+    let at = |pitch_deg: f64| MountDeg {
         sensor_type,
-        ..Placement::from([level.x_m, level.y_m, level.z_m, pitch_deg, 0.0])
+        ..MountDeg::from([level.x_m, level.y_m, level.z_m, pitch_deg, 0.0])
     };
     let of_all = simulator.count(sensors)?.union as i64;
     let alone = |pitch_deg: f64| {
@@ -56,12 +56,12 @@ fn one_type(
         let gain_voxels = of_all - evaluation.unique_voxels as i64;
         let (objective, unique_voxels) = (evaluation.objective, evaluation.unique_voxels);
         let seen = SingleScore { objective, unique_voxels, gain_voxels };
-        let single = Single::new(preset.model, &at(pitch_deg).mount(), seen);
+        let single = Single::new(model, &at(pitch_deg).mount(), seen);
         // not through radians and back
         Ok::<_, ExperimentError>(Single { pitch_deg, ..single })
     };
     let level_single = alone(0.0)?;
-    let many = simulator.experiment().rays(&[at(0.0)]) > MANY_RAYS;
+    let many = objective.rays(&[at(0.0)]) > MANY_RAYS;
     let step = if many { COARSE_DEG as usize } else { 1 };
     let pitches_deg: Vec<f64> = (0..=MAX_PITCH_DEG).step_by(step).map(f64::from).collect();
     // a sensor at a position that was scored level fails nowhere else
@@ -114,7 +114,7 @@ impl Rescored {
 /// The mounts scored again, each run with a seed of its own.
 pub(crate) fn rescore(
     objective: &Objective,
-    sensors: &[Placement],
+    sensors: &[MountDeg],
     runs: u32,
     divergence_deg: f64,
     seed: u64,

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::Weights;
-use crate::simulate::published::{Experiment, Preset};
+use super::published::model_of;
 
 /// What sensors cost: `PRICE`, or `MODEL=PRICE,MODEL=PRICE`.
 #[derive(Clone, Debug)]
@@ -66,9 +66,8 @@ pub(crate) enum PriceError {
 }
 
 impl Prices {
-    /// The price of each type of an experiment.
-    pub(crate) fn of(&self, experiment: &Experiment) -> Result<Vec<f64>, PriceError> {
-        let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
+    /// The price of a sensor of each of these models.
+    pub(crate) fn of(&self, models: &[&'static str]) -> Result<Vec<f64>, PriceError> {
         let prices = match self {
             Self::Any(price) => return Ok(vec![*price; models.len()]),
             Self::ByModel(prices) => prices,
@@ -86,8 +85,7 @@ impl Prices {
 
 /// The price of a sensor of each of these presets, by model in alphabetical order.
 pub(crate) fn prices_by_model(presets: &str, lambda: &[f64]) -> Vec<(String, f64)> {
-    let model = |name: &str| Preset::named(name.trim()).ok().map(|preset| preset.model.to_owned());
-    let models = presets.split(',').filter_map(model);
+    let models = presets.split(',').filter_map(|name| model_of(name.trim())).map(str::to_owned);
     let mut prices: Vec<_> = models.zip(lambda.iter().copied()).collect();
     prices.sort_by(|a, b| a.0.cmp(&b.0));
     prices
@@ -96,21 +94,19 @@ pub(crate) fn prices_by_model(presets: &str, lambda: &[f64]) -> Vec<(String, f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::published::PRESETS;
 
     #[test]
     fn a_price_for_all_or_one_for_each() {
-        let both = Experiment::mixed(&[&PRESETS[0], &PRESETS[1]]).unwrap();
-        let alone = Experiment::published(&PRESETS[0]);
-        let of = |text: &str, experiment| text.parse::<Prices>().map(|prices| prices.of(experiment));
-        assert_eq!(of("500", &both).unwrap().unwrap(), [500.0, 500.0]);
-        assert_eq!(of("vlp-16=800, os1-64=2e3", &both).unwrap().unwrap(), [2000.0, 800.0]);
-        assert_eq!(of("os1-64=-1", &alone).unwrap().unwrap(), [-1.0]);
-        for (text, experiment, words) in [
-            ("os1-64=2000", &both, "no price for vlp-16"),
-            ("os1-64=2000,vlp-16=1", &alone, "a price for vlp-16"),
+        let (both, alone) = (&["os1-64", "vlp-16"][..], &["os1-64"][..]);
+        let of = |text: &str, models| text.parse::<Prices>().map(|prices| prices.of(models));
+        assert_eq!(of("500", both).unwrap().unwrap(), [500.0, 500.0]);
+        assert_eq!(of("vlp-16=800, os1-64=2e3", both).unwrap().unwrap(), [2000.0, 800.0]);
+        assert_eq!(of("os1-64=-1", alone).unwrap().unwrap(), [-1.0]);
+        for (text, models, words) in [
+            ("os1-64=2000", both, "no price for vlp-16"),
+            ("os1-64=2000,vlp-16=1", alone, "a price for vlp-16"),
         ] {
-            let error = of(text, experiment).unwrap().unwrap_err().to_string();
+            let error = of(text, models).unwrap().unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
         for (text, words) in [

@@ -1,8 +1,8 @@
 //! The settings of a score, and in what they differ from those of another one.
 
 use super::{Objective, Prices, prices_by_model};
+use crate::rig::MountDeg;
 use crate::rig::{FoundWith, MountFile, SensorEntry};
-use crate::simulate::published::Placement;
 
 impl Objective {
     /// The settings of a score by this objective.
@@ -37,10 +37,10 @@ pub(crate) struct OtherSensor {
 
 impl Objective {
     /// The sensors of a mount file as they are listed.
-    pub(crate) fn listed(&self, file: &MountFile) -> Result<Vec<Placement>, OtherSensor> {
+    pub(crate) fn listed(&self, file: &MountFile) -> Result<Vec<MountDeg>, OtherSensor> {
         let experiment = self.simulator().experiment();
-        let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
-        let placement = |sensor: &SensorEntry| {
+        let models = experiment.models();
+        let mount = |sensor: &SensorEntry| {
             let SensorEntry { x_m, y_m, z_m, pitch_deg, roll_deg, .. } = *sensor;
             let sensor_type = models.iter().position(|model| sensor.model.eq_ignore_ascii_case(model));
             let sensor_type = sensor_type.ok_or_else(|| OtherSensor {
@@ -49,9 +49,9 @@ impl Objective {
                 preset: experiment.name(),
                 simulated: models.join(" and "),
             })?;
-            Ok(Placement { sensor_type, ..Placement::from([x_m, y_m, z_m, pitch_deg, roll_deg]) })
+            Ok(MountDeg { sensor_type, ..MountDeg::from([x_m, y_m, z_m, pitch_deg, roll_deg]) })
         };
-        file.sensors.iter().map(placement).collect()
+        file.sensors.iter().map(mount).collect()
     }
 }
 

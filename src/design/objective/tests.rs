@@ -65,8 +65,8 @@ fn objective(weights: Weights, least_distance_m: f64) -> Objective {
     Objective::new(Simulator::new(&experiment).unwrap(), weights, least_distance_m).unwrap()
 }
 
-fn sensor(x_m: f64, sensor_type: usize) -> Placement {
-    Placement { x_m, pitch_deg: 300.0 * x_m, sensor_type, ..Placement::default() }
+fn sensor(x_m: f64, sensor_type: usize) -> MountDeg {
+    MountDeg { x_m, pitch_deg: 300.0 * x_m, sensor_type, ..MountDeg::default() }
 }
 
 #[test]
@@ -188,11 +188,10 @@ fn housings_are_those_of_the_types_and_of_the_first_where_there_is_no_such_type(
 }
 
 #[test]
-fn another_simulator_leaves_weights_and_prices() {
+fn another_experiment_leaves_weights_and_prices() {
     let weights = Weights { angle_reward: 50.0, ..Weights::default() };
     let before = objective(weights, 0.2).with_prices(vec![1.0, 2.0]);
-    let coarse = Experiment { voxel_m: 1.0, ..*before.simulator().experiment() };
-    let after = before.with_simulator(Simulator::new(&coarse).unwrap());
+    let after = before.changed(|experiment| experiment.voxel_m = 1.0).unwrap();
     assert_eq!((after.weights(), after.prices(), after.least_distance_m()), (&weights, &[1.0, 2.0][..], 0.2));
     assert!(after.simulator().reachable() < before.simulator().reachable());
 }

@@ -1,7 +1,7 @@
 //! How much better than what was found any mount of one master could be: branch and bound over regions of mounts.
 //!
-//! In a region no rig sees more voxels than its placements could see between them, nor fewer twice than what all of them
-//! are certain to see ([`Region`]); that bounds J. The region with the highest bound is cut in two until the work allowed
+//! In a region no rig sees more voxels than its mounts could see between them, nor fewer twice than what all of them
+//! are certain to see ([`MountRegion`]); that bounds J. The region with the highest bound is cut in two until the work allowed
 //! is done (Land, Doig 1960, doi:10.2307/1910129). Bounds fall slowly: a region of a millimetre and a hundredth of a degree
 //! may still see almost every voxel.
 
@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::{MountProblem, SpaceError};
 use crate::design::objective::Objective;
-use crate::simulate::published::{Placement, Region};
+use crate::rig::{MountDeg, MountRegion};
 
 /// Regions cut at once: the same on any number of threads.
 const CUT_AT_ONCE: usize = 16;
@@ -36,7 +36,7 @@ pub struct Certificate {
 
 struct Open {
     bound: f64,
-    region: Region,
+    region: MountRegion,
     /// Of the whole.
     share: f64,
 }
@@ -70,7 +70,7 @@ pub fn certify(
     stop: &AtomicBool,
 ) -> Result<Option<Certificate>, SpaceError> {
     let whole = region(problem)?;
-    let bound = |region: &Region| bound(problem.objective(), region, problem.search().is_mirrored);
+    let bound = |region: &MountRegion| bound(problem.objective(), region, problem.search().is_mirrored);
     // bounds of large regions say little and cost most: half of the work goes to even parts
     let mut parts = vec![whole];
     while 4 * parts.len() <= most_regions {
@@ -78,7 +78,7 @@ pub fn certify(
     }
     let share = 1.0 / parts.len() as f64;
     let (mut regions, mut open_share) = (parts.len(), 1.0);
-    let unless_stopped = |region: &Region| (!stop.load(Memory::Relaxed)).then(|| bound(region));
+    let unless_stopped = |region: &MountRegion| (!stop.load(Memory::Relaxed)).then(|| bound(region));
     let bounded: Option<Vec<f64>> = parts.par_iter().map(unless_stopped).collect();
     let Some(bounded) = bounded else { return Ok(None) };
     let mut open = BinaryHeap::new();
@@ -102,7 +102,7 @@ pub fn certify(
         }
         regions += halves.len();
         // a part is no better than its whole, however the rounding goes
-        let of_half = |(half, most, _): &(Region, f64, f64)| {
+        let of_half = |(half, most, _): &(MountRegion, f64, f64)| {
             unless_stopped(half).map_or(*most, |bound| bound.min(*most))
         };
         let bounded: Vec<f64> = halves.par_iter().map(of_half).collect();
@@ -119,7 +119,7 @@ pub fn certify(
 }
 
 /// All mounts of one master, symmetries folded.
-fn region(problem: &MountProblem) -> Result<Region, SpaceError> {
+fn region(problem: &MountProblem) -> Result<MountRegion, SpaceError> {
     let space = problem.space()?.folded();
     let fixed = problem.search().fixed_roll_deg;
     let corner = |side: fn(&super::Variable) -> f64| {
@@ -129,13 +129,13 @@ fn region(problem: &MountProblem) -> Result<Region, SpaceError> {
         }
         // with a fixed roll the fifth variable is another master's
         values[4] = fixed.unwrap_or(values[4]);
-        Placement::from(values)
+        MountDeg::from(values)
     };
-    Ok(Region { low: corner(|v| v.low), high: corner(|v| v.high) })
+    Ok(MountRegion { low: corner(|v| v.low), high: corner(|v| v.high) })
 }
 
 /// Both halves across the side along which hits move farthest.
-fn cut(region: &Region) -> [Region; 2] {
+fn cut(region: &MountRegion) -> [MountRegion; 2] {
     let (low, high) = (<[f64; 5]>::from(region.low), <[f64; 5]>::from(region.high));
     let length_m = |side: usize| {
         let width = high[side] - low[side];
@@ -145,11 +145,14 @@ fn cut(region: &Region) -> [Region; 2] {
     let middle = 0.5 * (low[longest] + high[longest]);
     let (mut below, mut above) = (high, low);
     (below[longest], above[longest]) = (middle, middle);
-    [Region { low: region.low, high: below.into() }, Region { low: above.into(), high: region.high }]
+    [
+        MountRegion { low: region.low, high: below.into() },
+        MountRegion { low: above.into(), high: region.high },
+    ]
 }
 
 /// What no rig of a region can exceed.
-fn bound(objective: &Objective, region: &Region, is_mirrored: bool) -> f64 {
+fn bound(objective: &Objective, region: &MountRegion, is_mirrored: bool) -> f64 {
     let (simulator, weights) = (objective.simulator(), objective.weights());
     let count =
         |words: &mut dyn Iterator<Item = u64>| words.map(|w| u64::from(w.count_ones())).sum::<u64>() as f64;
@@ -193,14 +196,14 @@ fn widest_deg(low_deg: f64, high_deg: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
-    use crate::design::objective::Weights;
     use crate::design::optimize::KeepApart;
-    use crate::simulate::published::{Experiment, PRESETS, Path, Simulator};
+    use crate::rig::Path;
 
     fn problem(path: Path, mirror: bool) -> MountProblem {
-        let experiment = Experiment { path, mirror, azimuths: 60, ..Experiment::published(&PRESETS[1]) };
-        let objective =
-            Objective::new(Simulator::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
+        let objective = Objective::published("paper-vlp-16", |experiment| {
+            (experiment.path, experiment.mirror, experiment.azimuths) = (path, mirror, 60);
+        })
+        .unwrap();
         MountProblem::new(objective, 1, KeepApart::None)
     }
 

@@ -2,16 +2,16 @@
 
 use super::{Kind, MountProblem};
 use crate::design::objective::Evaluation;
+use crate::rig::{MountDeg, Path, Roll};
 use crate::rig::{
     MountFile, Optimization, PublishedExport, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };
-use crate::simulate::published::{Path, Placement, Roll};
 
 impl MountProblem {
     /// The mount file of these masters.
-    pub(crate) fn mount_file(&self, masters: &[Placement], objective: f64) -> MountFile {
+    pub(crate) fn mount_file(&self, masters: &[MountDeg], objective: f64) -> MountFile {
         let experiment = self.objective().simulator().experiment();
-        let entry = |(index, sensor): (usize, Placement)| {
+        let entry = |(index, sensor): (usize, MountDeg)| {
             let name = sensor_name(index, experiment.mirror, masters.len());
             sensor.entry(name, experiment.model_of(&sensor))
         };

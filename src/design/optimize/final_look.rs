@@ -14,7 +14,7 @@ use crate::base::numbers::number;
 use crate::design::fidelity::{BoxLadder, Ladder as _};
 use crate::design::objective::Objective;
 use crate::design::robustness::{Criterion, Robustness, RobustnessError, Spread, Tolerance};
-use crate::simulate::published::Placement;
+use crate::rig::MountDeg;
 
 /// Level of the ladder at which is judged: four poses per metre.
 const LEVEL: usize = 2;
@@ -52,7 +52,7 @@ impl FinalLook {
     /// Those of [`Robustness::new`] and of the objective.
     pub(crate) fn at(
         objective: &Objective,
-        mounts: &[Vec<Placement>],
+        mounts: &[Vec<MountDeg>],
         tolerance: Tolerance,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, RobustnessError> {

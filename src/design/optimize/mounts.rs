@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Measured, Mirror, Space, SpaceError, Variable};
-use crate::design::objective::Objective;
+use crate::design::objective::{ExperimentError, Objective};
 use crate::design::robustness::{Criterion, Robustness, Spread};
-use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Roll};
+use crate::rig::{MountDeg, Phase, Roll};
 
 /// Maximum number of masters of the published space.
 pub const PUBLISHED_MASTERS_MAX: u32 = 5;
@@ -74,8 +74,9 @@ pub struct MountSearch {
 }
 
 impl MountSearch {
-    /// What is searched in this experiment as published: 1 master up to so many, published bounds, no steps.
-    pub fn of(experiment: &Experiment, masters_max: u32) -> Self {
+    /// What is searched in an objective's experiment as published: 1 master up to so many, published bounds, no steps.
+    pub fn of(objective: &Objective, masters_max: u32) -> Self {
+        let experiment = objective.simulator().experiment();
         Self {
             masters_min: 1,
             masters_max,
@@ -149,7 +150,7 @@ impl MountSearch {
     }
 
     /// The masters of a point of that space.
-    pub(crate) fn masters(&self, values: &[f64]) -> Vec<Placement> {
+    pub(crate) fn masters(&self, values: &[f64]) -> Vec<MountDeg> {
         let roll_deg = self.fixed_roll_deg.unwrap_or(0.0);
         let stepped = |angle_deg: f64, (low, high): (f64, f64)| match self.tilt_step_deg {
             // the last whole step inside the bounds
@@ -163,8 +164,8 @@ impl MountSearch {
         let master = |v: &[f64]| {
             let (v, sensor_type) = v.split_at(coordinates);
             let roll_deg = v.get(4).map_or(roll_deg, |free_deg| stepped(*free_deg, self.bounds.roll_deg));
-            let placed = Placement::from([v[0], v[1], v[2], stepped(v[3], self.bounds.pitch_deg), roll_deg]);
-            Placement { sensor_type: sensor_type.first().map_or(0, |index| *index as usize), ..placed }
+            let placed = MountDeg::from([v[0], v[1], v[2], stepped(v[3], self.bounds.pitch_deg), roll_deg]);
+            MountDeg { sensor_type: sensor_type.first().map_or(0, |index| *index as usize), ..placed }
         };
         let per_master = coordinates + usize::from(self.types > 1);
         values[1..].chunks_exact(per_master).take(values[0] as usize).map(master).collect()
@@ -200,7 +201,7 @@ pub struct MountProblem {
 impl MountProblem {
     /// Searches masters 1 to `masters_max` for this objective; roll is free or fixed as its experiment says.
     pub fn new(objective: Objective, masters_max: u32, keep_apart: KeepApart) -> Self {
-        let search = MountSearch::of(objective.simulator().experiment(), masters_max);
+        let search = MountSearch::of(&objective, masters_max);
         Self::with_search(objective, search, keep_apart)
     }
 
@@ -224,8 +225,8 @@ impl MountProblem {
     }
 
     /// J over mount errors of these masters, where they are reckoned with.
-    pub(crate) fn spread(&self, masters: &[Placement]) -> Result<Option<Spread>, ExperimentError> {
-        let sensors = self.objective.simulator().experiment().sensors(masters);
+    pub(crate) fn spread(&self, masters: &[MountDeg]) -> Result<Option<Spread>, ExperimentError> {
+        let sensors = self.objective.sensors(masters);
         self.robust.as_ref().map(|(robustness, _)| robustness.spread(&sensors)).transpose()
     }
 
@@ -254,7 +255,7 @@ impl MountProblem {
     }
 
     /// The masters of a point.
-    pub fn masters(&self, values: &[f64]) -> Vec<Placement> {
+    pub fn masters(&self, values: &[f64]) -> Vec<MountDeg> {
         self.search.masters(values)
     }
 
@@ -288,8 +289,8 @@ impl MountProblem {
         })
     }
 
-    fn violation(&self, sensors: &[Placement]) -> f64 {
-        let least_m = |first: &Placement, second: &Placement| match self.keep_apart {
+    fn violation(&self, sensors: &[MountDeg]) -> f64 {
+        let least_m = |first: &MountDeg, second: &MountDeg| match self.keep_apart {
             KeepApart::None => 0.0,
             KeepApart::Housings => self.objective.needed_distance_m(first, second),
             KeepApart::Distance(least_m) => least_m,
@@ -314,10 +315,10 @@ impl MountProblem {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::published::PRESETS;
 
     fn searched(masters_max: u32, fixed_roll_deg: Option<f64>) -> MountSearch {
-        MountSearch { fixed_roll_deg, ..MountSearch::of(&Experiment::published(&PRESETS[0]), masters_max) }
+        let objective = Objective::published("paper-os1-64", |_| ()).unwrap();
+        MountSearch { fixed_roll_deg, ..MountSearch::of(&objective, masters_max) }
     }
 
     #[test]

@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::{Measured, MountProblem};
 use crate::base::numbers::number;
 use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
+use crate::design::objective::ExperimentError;
 use crate::design::objective::Objective;
-use crate::simulate::published::ExperimentError;
 
 /// Level of the ladder for the search: the published number of azimuths at four poses per metre with phases that
 /// differ, which orders mounts far better than the published pattern does.

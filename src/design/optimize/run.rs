@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::busy::Busy;
 use super::state_file::{self, StateError};
 use super::{MountProblem, Refiner, Search, SearchError, StoppedBy};
-use crate::simulate::published::ExperimentError;
+use crate::design::objective::ExperimentError;
 
 /// Time between two writings of the state file.
 const SAVE_EVERY: Duration = Duration::from_secs(10);

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{KeepApart, MountProblem, Search};
 use crate::base::files;
 use crate::base::questions::first_difference;
-use crate::simulate::published::Roll;
+use crate::rig::Roll;
 
 const FORMAT: &str = "outrigger-search/4";
 

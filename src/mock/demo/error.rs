@@ -5,12 +5,12 @@ use std::io;
 use ::sensors::catalogue::ModelError;
 use ::sensors::ouster::MetadataError;
 
+use crate::design::objective::{ExperimentError, ObjectiveError};
 use crate::design::optimize::{SearchError, SpaceError};
 use crate::drive::RigError;
 use crate::live::receive::ReceiveError;
 use crate::recording::{RecordingError, SessionError};
 use crate::rig::UnitError;
-use crate::simulate::published::ExperimentError;
 use crate::verify::compare::ReplayingError;
 
 /// Why the demo ended early.
@@ -22,6 +22,8 @@ pub(crate) enum DemoError {
     Metadata(#[from] MetadataError),
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
+    #[error(transparent)]
+    Objective(#[from] ObjectiveError),
     #[error(transparent)]
     Space(#[from] SpaceError),
     #[error(transparent)]

@@ -15,7 +15,7 @@ mod walk;
 
 pub(crate) use document::{Document, FORMAT};
 pub(crate) use page::page;
-pub(crate) use plan::{predict, search, straight_path};
+pub(crate) use plan::{predict, search};
 pub(crate) use problems::problems;
 pub(crate) use replay::compare;
 pub(crate) use setup::{DemoFault, Walk};

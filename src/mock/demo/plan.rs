@@ -5,14 +5,15 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::design::objective::{Objective, Weights};
+use crate::design::objective::Objective;
 use crate::design::optimize::{KeepApart, Kind, MountProblem, Search, Settings};
 use crate::live::receive::now_ns;
+use crate::rig::{MountDeg, Path};
 use crate::rig::{MountFile, Rig, SensorEntry};
 use crate::simulate::frames::Spin;
-use crate::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
 use crate::simulate::scan::{self, Scanner};
 use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::Trajectory;
 
 use super::document::SearchSummary;
@@ -23,7 +24,7 @@ use crate::simulate::Progress;
 
 /// The optimal mounts of a mirrored pair that can be built.
 pub(crate) struct Plan {
-    pub preset: &'static Preset,
+    objective: Objective,
     pub rig: Rig,
     pub mount: MountFile,
     pub summary: SearchSummary,
@@ -37,10 +38,9 @@ pub(crate) fn search(
     progress: &dyn Fn(Progress),
 ) -> Result<Plan, DemoError> {
     let start = Instant::now();
-    let preset = Preset::named(preset)?;
-    let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };
-    let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
-    let problem = MountProblem::new(objective, 1, KeepApart::Housings);
+    let objective = Objective::published(preset, |experiment| experiment.path = Path::Forward)?;
+    let preset = &objective.simulator().experiment().preset;
+    let problem = MountProblem::new(objective.clone(), 1, KeepApart::Housings);
     let settings = Settings::new(seed, evaluations);
     let mut search = Search::new(problem.space()?, Kind::Pattern, settings);
     progress(Progress::Total(evaluations as u64));
@@ -55,9 +55,9 @@ pub(crate) fn search(
         return Err(DemoError::NoMount { evaluations });
     };
     let masters = problem.masters(&best.candidate.values);
-    let sensors = experiment.sensors(&masters);
+    let sensors = objective.sensors(&masters);
     let names = ["left", "right"];
-    let on_its_side = |sensor: &Placement| names[usize::from(sensor.x_m > 0.0)].to_owned();
+    let on_its_side = |sensor: &MountDeg| names[usize::from(sensor.x_m > 0.0)].to_owned();
     let mut entries: Vec<SensorEntry> =
         sensors.iter().map(|sensor| sensor.entry(on_its_side(sensor), preset.model)).collect();
     entries.sort_by(|a, b| a.name.cmp(&b.name));
@@ -75,7 +75,28 @@ pub(crate) fn search(
         history: search.history().filter_map(|(evaluation, best)| Some((evaluation, best?))).collect(),
         wall_s: start.elapsed().as_secs_f64(),
     };
-    Ok(Plan { preset, rig: mount.rig()?, mount, summary })
+    Ok(Plan { rig: mount.rig()?, objective, mount, summary })
+}
+
+impl Plan {
+    /// The hall of the experiment.
+    pub(crate) fn hall(&self) -> Scene {
+        let preset = &self.objective.simulator().experiment().preset;
+        Scene::Box(BoxScene::closed(preset.box_min_m.into(), preset.box_max_m.into()))
+    }
+
+    /// Edge of its voxels, m.
+    pub(crate) fn voxel_m(&self) -> f64 {
+        self.objective.simulator().experiment().voxel_m
+    }
+
+    /// Along the platform's own forward axis through the middle of the hall.
+    pub(crate) fn straight_path(&self, speed_m_s: f64) -> Trajectory {
+        let preset = &self.objective.simulator().experiment().preset;
+        let half_m = preset.path_length_m / 2.0;
+        let at = |x_m: f64| DVec3::new(x_m, 0.0, preset.platform_height_m);
+        Trajectory::straight(at(-half_m), at(half_m), speed_m_s, now_ns())
+    }
 }
 
 /// Predicted coverage of the walk: perfect sensors on the mounts and the planned trajectory.
@@ -93,11 +114,4 @@ pub(crate) fn predict(walk: &Walk<'_>, grid: &VoxelGrid) -> Result<Coverage, Dem
     let mut coverage = Coverage::new(grid.clone(), walk.rig.sensors.len());
     scanner.cover(&mut coverage);
     Ok(coverage)
-}
-
-/// Along the platform's own forward axis through the middle of the hall.
-pub(crate) fn straight_path(preset: &Preset, speed_m_s: f64) -> Trajectory {
-    let half_m = preset.path_length_m / 2.0;
-    let at = |x_m: f64| DVec3::new(x_m, 0.0, preset.platform_height_m);
-    Trajectory::straight(at(-half_m), at(half_m), speed_m_s, now_ns())
 }

@@ -2,16 +2,18 @@
 
 use super::Orbit;
 use crate::base::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
+use crate::design::objective::Objective;
 use crate::report::figures;
 use crate::rig::{Path, Rig};
-use crate::simulate::published::Preset;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::Trajectory;
 
 /// The walls of the box by who saw them, with path and rig; `coverage` is in the mount frame's axes.
-pub(crate) fn published(preset: &Preset, path: Path, rig: &Rig, coverage: &Coverage) -> Orbit {
+pub(crate) fn published(objective: &Objective, rig: &Rig, coverage: &Coverage) -> Orbit {
+    let experiment = objective.simulator().experiment();
+    let preset = &experiment.preset;
     let corners_m =
         [preset.box_min_m, preset.box_max_m].map(|corner| BODY_FROM_MOUNT_FRAME * glam::DVec3::from(corner));
     let walls = BoxScene::closed(corners_m[0].min(corners_m[1]), corners_m[0].max(corners_m[1]));
@@ -23,7 +25,7 @@ pub(crate) fn published(preset: &Preset, path: Path, rig: &Rig, coverage: &Cover
         .map(|cell| (BODY_FROM_MOUNT_FRAME * grid.centre_m(cell), figures::who_covers(coverage, cell)));
     orbit.classes(&figures::who_classes(&names, "observable, but unseen"), grid.voxel_m, points);
     let half_m = 0.5 * preset.path_length_m;
-    let along = match path {
+    let along = match experiment.path {
         Path::Lateral => BODY_FROM_MOUNT_FRAME * glam::DVec3::X,
         Path::Forward => BODY_FROM_MOUNT_FRAME * glam::DVec3::Y,
     };

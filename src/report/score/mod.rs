@@ -9,11 +9,12 @@ use serde::Serialize;
 use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
 use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{Rescored, SingleScore};
-use crate::design::objective::{Evaluation, Objective};
-use crate::design::registration::{POSE_STEP_M, RegistrationQuality, along_published, least_along};
+use crate::design::objective::{Evaluation, Objective, POSE_STEP_M};
+use crate::design::registration::{RegistrationQuality, least_along};
 use crate::rig::Touching;
+use crate::rig::{MountDeg, Path, Phase};
 use crate::simulate::baselines::Baselines;
-use crate::simulate::published::{Path, Phase, Placement, Seen};
+use crate::world::coverage::Coverage;
 
 /// The document of a score.
 #[derive(Serialize)]
@@ -50,18 +51,23 @@ pub(crate) struct Document {
 }
 
 impl Document {
-    /// The score of what these sensors see.
-    pub(crate) fn new(objective: &Objective, sensors: &[Placement], seen: &Seen, wall_s: f64) -> Self {
+    /// The score of what these sensors see, with the rays that each of them loses.
+    pub(crate) fn new(
+        objective: &Objective,
+        sensors: &[MountDeg],
+        (coverage, lost_rays): (&Coverage, Vec<u64>),
+        wall_s: f64,
+    ) -> Self {
         let simulator = objective.simulator();
         let experiment = simulator.experiment();
-        let scans = along_published(simulator, sensors);
+        let scans = objective.scans(sensors);
         let first_m = -0.5 * experiment.preset.path_length_m;
         let along = |(scan, [translation, rotation_m2]): (usize, [f64; 2])| {
             [first_m + (scan * POSE_STEP_M) as f64, translation, rotation_m2]
         };
-        let union = seen.coverage.union();
+        let union = coverage.union();
         let unseen = simulator.reachable_cells().filter(|cell| union[cell / 64] >> (cell % 64) & 1 == 0);
-        let mut evaluation = objective.score_counts(sensors, &seen.coverage.counts());
+        let mut evaluation = objective.score_counts(sensors, &coverage.counts());
         evaluation.registration = RegistrationQuality::of_scans(&scans);
         Self {
             evaluation,
@@ -71,7 +77,7 @@ impl Document {
             registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
             blind_spots: blind_spots(&simulator.grid(), unseen, MAX_BLIND_SPOTS),
             touching: objective.rig(sensors).touching(),
-            coverage_sha256: seen.coverage.union_sha256(),
+            coverage_sha256: coverage.union_sha256(),
             preset: experiment.name(),
             prices: objective.prices().to_vec(),
             path: experiment.path,
@@ -79,7 +85,7 @@ impl Document {
             azimuths: experiment.azimuths,
             sub_poses: experiment.sub_poses,
             phase: experiment.phase,
-            lost_rays: seen.lost_rays.clone(),
+            lost_rays,
             mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
             wall_s,
         }

@@ -11,7 +11,7 @@ use crate::design::optimize::{Certificate, JudgedShortlist, KeepApart, Kind, Ref
 use crate::design::robustness::Spread;
 use crate::report::chart::number;
 use crate::rig::MountFile;
-use crate::simulate::published::Path;
+use crate::rig::Path;
 
 /// The document of a search.
 #[derive(Serialize)]

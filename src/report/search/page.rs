@@ -1,10 +1,10 @@
 //! The page of a search.
 
 use super::Document;
+use crate::design::objective::Objective;
 use crate::report::chart::{LineChart, Series, number};
 use crate::report::{Report, figures, orbit};
 use crate::rig::{MountFile, Rig, SensorEntry};
-use crate::simulate::published::Preset;
 use crate::world::coverage::Coverage;
 
 /// Convergence, mounts and coverage on one page.
@@ -12,7 +12,7 @@ pub(crate) fn page(
     document: &Document,
     file: &MountFile,
     coverage: &Coverage,
-    (preset, rig): (&Preset, &Rig),
+    (objective, rig): (&Objective, &Rig),
 ) -> Report {
     let evaluation = &document.best.evaluation;
     let mut page = Report::new(
@@ -29,7 +29,7 @@ pub(crate) fn page(
         &document.command,
     );
     page.orbit(
-        orbit::published(preset, document.path, rig, coverage),
+        orbit::published(objective, rig, coverage),
         "The box of the experiment; the rig in the middle of its path, its fields of view cut off.",
     );
     mounts(&mut page, file, document);

@@ -1,8 +1,6 @@
 //! What is run: a published experiment as data, and what may be changed about it.
 
-use super::Placement;
-
-pub use crate::rig::{Path, Phase};
+use crate::rig::{MountDeg, Path, Phase, Roll};
 
 /// Presets of the types after the first.
 pub type MoreTypes = [Option<&'static Preset>; 3];
@@ -86,53 +84,6 @@ impl Preset {
     }
 }
 
-/// What happens to the roll of a mount.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Roll {
-    /// Replaced by this angle, degrees.
-    Fixed(f64),
-    /// No change.
-    Free,
-}
-
-impl Path {
-    /// As flags and files call it.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Path::Lateral => "lateral",
-            Path::Forward => "forward",
-        }
-    }
-
-    pub(super) fn axis(self) -> usize {
-        match self {
-            Path::Lateral => 0,
-            Path::Forward => 1,
-        }
-    }
-}
-
-impl Phase {
-    /// As flags and files call it.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Locked => "locked",
-            Self::Free => "free",
-        }
-    }
-
-    /// How far the pattern has turned at a pose, counted from 0, in steps from azimuth to azimuth; `shift` is where a free
-    /// one starts.
-    pub(crate) fn turn(self, pose: u64, shift: f64) -> f64 {
-        /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        match self {
-            Self::Locked => 0.0,
-            Self::Free => ((pose + 1) as f64 * GOLDEN + shift).fract(),
-        }
-    }
-}
-
 /// A preset with what may be changed about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Experiment {
@@ -201,6 +152,11 @@ impl Experiment {
         std::iter::once(&self.preset).chain(self.more_types.iter().flatten().copied())
     }
 
+    /// The model of each type.
+    pub(crate) fn models(&self) -> Vec<&'static str> {
+        self.types().map(|preset| preset.model).collect()
+    }
+
     /// How many types.
     pub(crate) fn type_count(&self) -> usize {
         self.types().count()
@@ -211,13 +167,13 @@ impl Experiment {
         self.type_count() > 1
     }
 
-    /// The preset of a placement's sensor; the first where there is no such type.
-    pub(crate) fn preset_of(&self, sensor: &Placement) -> &Preset {
+    /// The preset of a mount's sensor; the first where there is no such type.
+    pub(crate) fn preset_of(&self, sensor: &MountDeg) -> &Preset {
         self.types().nth(sensor.sensor_type).unwrap_or(&self.preset)
     }
 
-    /// The sensor model of a placement; the first type's where there is no such type.
-    pub fn model_of(&self, sensor: &Placement) -> &'static str {
+    /// The sensor model of a mount; the first type's where there is no such type.
+    pub fn model_of(&self, sensor: &MountDeg) -> &'static str {
         self.preset_of(sensor).model
     }
 
@@ -232,14 +188,14 @@ impl Experiment {
     }
 
     /// Every physical sensor of these masters: roll rule applied, each master followed by its mirror image.
-    pub fn sensors(&self, masters: &[Placement]) -> Vec<Placement> {
+    pub fn sensors(&self, masters: &[MountDeg]) -> Vec<MountDeg> {
         let mut sensors = Vec::with_capacity(masters.len() * (1 + usize::from(self.mirror)));
         for master in masters {
             let roll_deg = match self.roll {
                 Roll::Fixed(roll_deg) => roll_deg,
                 Roll::Free => master.roll_deg,
             };
-            let sensor = Placement { roll_deg, ..*master };
+            let sensor = MountDeg { roll_deg, ..*master };
             sensors.push(sensor);
             if self.mirror {
                 sensors.push(sensor.mirrored());
@@ -248,8 +204,13 @@ impl Experiment {
         sensors
     }
 
+    /// The same without mirror images: sensors are listed one by one.
+    pub(crate) fn without_images(&self) -> Self {
+        Self { mirror: false, ..*self }
+    }
+
     /// Whether the roll rule changes one of these masters.
-    pub(crate) fn replaces_a_roll(&self, masters: &[Placement]) -> bool {
+    pub(crate) fn replaces_a_roll(&self, masters: &[MountDeg]) -> bool {
         match self.roll {
             Roll::Fixed(roll_deg) => masters.iter().any(|master| master.roll_deg != roll_deg),
             Roll::Free => false,
@@ -267,7 +228,7 @@ impl Experiment {
     }
 
     /// Rays of these physical sensors over the whole walk.
-    pub(crate) fn rays(&self, sensors: &[Placement]) -> u64 {
+    pub(crate) fn rays(&self, sensors: &[MountDeg]) -> u64 {
         sensors.iter().map(|sensor| self.rays_of(self.preset_of(sensor))).sum()
     }
 
@@ -295,7 +256,7 @@ pub enum ExperimentError {
         /// As asked for.
         names: String,
     },
-    /// A placement of a type that the experiment does not have.
+    /// A mount of a type that the experiment does not have.
     #[error("sensor {sensor} is of type {sensor_type}, counted from 0, of {types} types")]
     UnknownType {
         /// Position in the list, from 1.

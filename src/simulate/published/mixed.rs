@@ -2,13 +2,14 @@
 //! coverage. All types share grid and walk, so that nothing is converted.
 
 use super::shell::Shell;
-use super::{ExperimentError, Placement, Seen, Simulator, fast};
+use super::{ExperimentError, Seen, Simulator, fast};
 use crate::base::instructions::Instructions;
+use crate::rig::MountDeg;
 use crate::world::coverage::Coverage;
 
 impl Simulator {
-    /// The simulator of a placement's beams. The placement must have been checked.
-    pub(super) fn of(&self, sensor: &Placement) -> &Self {
+    /// The simulator of a mount's beams. The mount must have been checked.
+    pub(super) fn of(&self, sensor: &MountDeg) -> &Self {
         match sensor.sensor_type {
             0 => self,
             index => &self.more_types[index - 1],
@@ -16,8 +17,8 @@ impl Simulator {
     }
 
     /// What each sensor sees by the fast method, in their order. Pairs stay together: both are of one type.
-    pub(super) fn shells(&self, sensors: &[Placement], instructions: Instructions) -> Vec<Shell> {
-        let see = |alike: &[Placement]| {
+    pub(super) fn shells(&self, sensors: &[MountDeg], instructions: Instructions) -> Vec<Shell> {
+        let see = |alike: &[MountDeg]| {
             let simulator = self.of(&alike[0]);
             // walk and grid decide whether there is a plan: all types have one, or none has
             let plan = simulator.plan.iter();
@@ -29,8 +30,8 @@ impl Simulator {
     /// What sensors see, run by run of sensors of one type.
     pub(super) fn join(
         &self,
-        sensors: &[Placement],
-        see: impl Fn(&Self, &[Placement]) -> Result<Seen, ExperimentError>,
+        sensors: &[MountDeg],
+        see: impl Fn(&Self, &[MountDeg]) -> Result<Seen, ExperimentError>,
     ) -> Result<Seen, ExperimentError> {
         if self.more_types.is_empty() {
             return see(self, sensors);
@@ -46,6 +47,6 @@ impl Simulator {
 }
 
 /// Neighbours of one type.
-fn runs(sensors: &[Placement]) -> impl Iterator<Item = &[Placement]> {
+fn runs(sensors: &[MountDeg]) -> impl Iterator<Item = &[MountDeg]> {
     sensors.chunk_by(|a, b| a.sensor_type == b.sensor_type)
 }

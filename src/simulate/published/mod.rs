@@ -12,9 +12,7 @@ mod brute;
 mod experiment;
 mod fast;
 mod elements;
-mod masters;
 mod mixed;
-mod placement;
 mod region;
 mod shell;
 mod sparse;
@@ -22,16 +20,13 @@ mod spread;
 
 pub use spread::PUBLISHED_SPREAD_DEG;
 
-pub use experiment::{
-    Experiment, ExperimentError, MOST_TYPES, MoreTypes, PRESETS, Path, Phase, Preset, Roll,
-};
-pub(crate) use masters::Masters;
-pub use placement::Placement;
-pub use region::{Reach, Region};
+pub use experiment::{Experiment, ExperimentError, MOST_TYPES, MoreTypes, PRESETS, Preset};
+pub use region::Reach;
 
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::base::instructions::Instructions;
+use crate::rig::{MountDeg, Path, Phase, Roll};
 use crate::world::coverage::{Counts, Coverage, VoxelGrid};
 
 /// An experiment made ready: beams, poses and grid. Sensors are then seen in turn, each with the beams of its type.
@@ -154,14 +149,14 @@ impl Simulator {
     }
 
     /// Which voxels each sensor sees.
-    pub fn see(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
+    pub fn see(&self, sensors: &[MountDeg]) -> Result<Seen, ExperimentError> {
         self.see_with(sensors, Instructions::best())
     }
 
     /// As [`Simulator::see`], with given instructions; the same to the bit.
     pub fn see_with(
         &self,
-        sensors: &[Placement],
+        sensors: &[MountDeg],
         instructions: Instructions,
     ) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
@@ -177,14 +172,14 @@ impl Simulator {
     }
 
     /// How many voxels the sensors see: the counts of [`Simulator::see`] without its bitmaps.
-    pub fn count(&self, sensors: &[Placement]) -> Result<Counts, ExperimentError> {
+    pub fn count(&self, sensors: &[MountDeg]) -> Result<Counts, ExperimentError> {
         self.count_with(sensors, Instructions::best())
     }
 
     /// As [`Simulator::count`], with given instructions.
     pub fn count_with(
         &self,
-        sensors: &[Placement],
+        sensors: &[MountDeg],
         instructions: Instructions,
     ) -> Result<Counts, ExperimentError> {
         if self.plan.is_none() {
@@ -215,12 +210,12 @@ impl Simulator {
     }
 
     /// The poses of each sensor along the walk.
-    pub fn walks(&self, sensors: &[Placement]) -> Vec<Vec<BoxPose>> {
+    pub fn walks(&self, sensors: &[MountDeg]) -> Vec<Vec<BoxPose>> {
         let poses = |sensor| (0..self.stations_m.len()).map(|pose| self.pose(sensor, pose)).collect();
         sensors.iter().map(poses).collect()
     }
 
-    fn pose(&self, sensor: &Placement, pose: usize) -> BoxPose {
+    fn pose(&self, sensor: &MountDeg, pose: usize) -> BoxPose {
         let mut origin_m = [0.0, 0.0, self.experiment.preset.platform_height_m];
         origin_m[self.experiment.path.axis()] = self.stations_m[pose];
         BoxPose {
@@ -240,7 +235,7 @@ impl Simulator {
         self.experiment.preset.loses_axis_parallel_rays && self.experiment.phase == Phase::Locked
     }
 
-    fn lost_rays(&self, sensor: &Placement) -> u64 {
+    fn lost_rays(&self, sensor: &MountDeg) -> u64 {
         brute::lost_rays(self.of(sensor), &self.pose(sensor, 0)) * self.stations_m.len() as u64
     }
 
@@ -256,7 +251,7 @@ impl Simulator {
     }
 
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.
-    pub fn coverage_by_definition(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
+    pub fn coverage_by_definition(&self, sensors: &[MountDeg]) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
         self.join(sensors, |simulator, sensors| simulator.see_along_by_definition(&simulator.walks(sensors)))
     }
@@ -290,7 +285,7 @@ impl Simulator {
         Ok(())
     }
 
-    fn check(&self, sensors: &[Placement]) -> Result<(), ExperimentError> {
+    fn check(&self, sensors: &[MountDeg]) -> Result<(), ExperimentError> {
         if sensors.is_empty() {
             return Err(ExperimentError::NoSensors);
         }
@@ -359,12 +354,12 @@ mod tests {
         }
         let simulator = Simulator::new(&good).unwrap();
         assert_eq!(simulator.reachable(), 35_048);
-        let outside = Placement { x_m: 5.0, ..Placement::default() };
+        let outside = MountDeg { x_m: 5.0, ..MountDeg::default() };
         assert_eq!(
             simulator.coverage_by_definition(&[outside]).unwrap_err(),
             ExperimentError::OutsideBox { sensor: 1 }
         );
-        let nan = Placement { pitch_deg: f64::NAN, ..Placement::default() };
+        let nan = MountDeg { pitch_deg: f64::NAN, ..MountDeg::default() };
         assert!(
             simulator
                 .coverage_by_definition(&[nan])
@@ -396,7 +391,7 @@ mod tests {
                     ..Experiment::published(&VLP_16)
                 };
                 let simulator = Simulator::new(&experiment).unwrap();
-                let sensors = experiment.sensors(&masters.map(Placement::from));
+                let sensors = experiment.sensors(&masters.map(MountDeg::from));
                 let fast = simulator.see(&sensors).unwrap();
                 let definition = simulator.coverage_by_definition(&sensors).unwrap();
                 assert_eq!(fast.lost_rays, definition.lost_rays, "{experiment:?}");
@@ -465,7 +460,7 @@ mod tests {
     #[test]
     fn coincident_sensors_see_the_same_and_nothing_alone() {
         let simulator = Simulator::new(&Experiment::published(&VLP_16)).unwrap();
-        let sensor = Placement { pitch_deg: 21.0, ..Placement::default() };
+        let sensor = MountDeg { pitch_deg: 21.0, ..MountDeg::default() };
         let counts = simulator.count(&[sensor, sensor]).unwrap();
         assert_eq!(counts.per_sensor, [counts.union; 2]);
         assert_eq!((counts.overlap, counts.unique_per_sensor), (counts.union, vec![0, 0]));

@@ -7,7 +7,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{Placement, Simulator, brute};
+use super::{Simulator, brute};
+use crate::rig::MountRegion;
 
 /// Of a hit, m: above what rounding in the simulator can do, far below a voxel.
 const ROUNDING_M: f64 = 1e-9;
@@ -17,40 +18,13 @@ const ROUNDING: f64 = 1e-14;
 /// Minimum and maximum.
 type Interval = [f64; 2];
 
-/// All placements between two corners, component by component.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Region {
-    /// Least components.
-    pub low: Placement,
-    /// Maximum components.
-    pub high: Placement,
-}
-
 /// Bitmaps over the simulator's grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reach {
-    /// Every voxel that some placement of the region sees, and perhaps more.
+    /// Every voxel that some mount of the region sees, and perhaps more.
     pub possible: Vec<u64>,
-    /// Voxels that every placement of the region sees, perhaps not all of them.
+    /// Voxels that every mount of the region sees, perhaps not all of them.
     pub certain: Vec<u64>,
-}
-
-impl Region {
-    /// The mirror images of its placements across the platform's plane of symmetry.
-    pub(crate) fn mirrored(&self) -> Self {
-        let (low, high) = (self.high.mirrored(), self.low.mirrored());
-        let corner = |from: Placement, other: Placement| Placement {
-            x_m: from.x_m,
-            pitch_deg: from.pitch_deg,
-            ..other
-        };
-        Self { low: corner(low, self.low), high: corner(high, self.high) }
-    }
-
-    fn intervals(&self) -> [Interval; 5] {
-        let (low, high) = (<[f64; 5]>::from(self.low), <[f64; 5]>::from(self.high));
-        std::array::from_fn(|at| [low[at], high[at]])
-    }
 }
 
 /// What the rays of one beam may hit from one pose.
@@ -71,8 +45,8 @@ struct Caster<'a> {
 }
 
 impl Simulator {
-    /// What the placements of a region see. Each must be a placement that [`Simulator::see`] takes.
-    pub(crate) fn reach(&self, region: &Region) -> Reach {
+    /// What the mounts of a region see. Each must be a mount that [`Simulator::see`] takes.
+    pub(crate) fn reach(&self, region: &MountRegion) -> Reach {
         let words = self.cells.iter().product::<usize>().div_ceil(64);
         let mut reach = Reach { possible: vec![0; words], certain: vec![0; words] };
         let [x_m, y_m, z_m, pitch_deg, roll_deg] = region.intervals();
@@ -278,7 +252,8 @@ fn widened([low, high]: Interval, by: f64) -> Interval {
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
-    use crate::simulate::published::{Experiment, PRESETS, Path, Phase, Roll};
+    use crate::rig::{Path, Phase, Roll};
+    use crate::simulate::published::{Experiment, PRESETS};
 
     fn is_within(inner: &[u64], outer: &[u64]) -> bool {
         inner.iter().zip(outer).all(|(a, b)| a & !b == 0)
@@ -288,9 +263,9 @@ mod tests {
         bitmap.iter().map(|word| word.count_ones()).sum()
     }
 
-    /// Every placement of a region sees what is certain and nothing but what is possible.
+    /// Every mount of a region sees what is certain and nothing but what is possible.
     #[test]
-    fn regions_hold_what_their_placements_see() {
+    fn regions_hold_what_their_mounts_see() {
         let mut rng = Rng::new(5, 0);
         for (path, phase, roll) in [
             (Path::Lateral, Phase::Locked, Roll::Fixed(0.0)),
@@ -310,7 +285,7 @@ mod tests {
                 if roll != Roll::Free {
                     (low[4], high[4]) = (0.0, 0.0);
                 }
-                let region = Region { low: low.into(), high: high.into() };
+                let region = MountRegion { low: low.into(), high: high.into() };
                 let region = if roll == Roll::Free { region.mirrored() } else { region };
                 let reach = simulator.reach(&region);
                 assert!(is_within(&reach.certain, &reach.possible));
@@ -330,11 +305,15 @@ mod tests {
     }
 
     #[test]
-    fn the_mirror_image_of_a_region_is_that_of_its_placements() {
-        let region =
-            Region { low: [0.0, -0.1, 0.0, -10.0, -5.0].into(), high: [0.1, 0.2, 0.1, 30.0, 5.0].into() };
-        let image =
-            Region { low: [-0.1, -0.1, 0.0, -30.0, -5.0].into(), high: [-0.0, 0.2, 0.1, 10.0, 5.0].into() };
+    fn the_mirror_image_of_a_region_is_that_of_its_mounts() {
+        let region = MountRegion {
+            low: [0.0, -0.1, 0.0, -10.0, -5.0].into(),
+            high: [0.1, 0.2, 0.1, 30.0, 5.0].into(),
+        };
+        let image = MountRegion {
+            low: [-0.1, -0.1, 0.0, -30.0, -5.0].into(),
+            high: [-0.0, 0.2, 0.1, 10.0, 5.0].into(),
+        };
         assert_eq!(region.mirrored(), image);
     }
 }

@@ -3,8 +3,9 @@
 
 use rayon::prelude::*;
 
-use super::{ExperimentError, Placement, Seen, Simulator, brute};
+use super::{ExperimentError, Seen, Simulator, brute};
 use crate::base::rng::Rng;
+use crate::rig::MountDeg;
 use crate::world::coverage::Coverage;
 
 /// Divergence of the published re-score, degrees.
@@ -18,7 +19,7 @@ impl Simulator {
     /// As [`Simulator::see`], and a spread that is not a finite number of at least 0.
     pub(crate) fn see_spread(
         &self,
-        sensors: &[Placement],
+        sensors: &[MountDeg],
         spread_deg: f64,
         seed: u64,
     ) -> Result<Seen, ExperimentError> {
@@ -27,14 +28,14 @@ impl Simulator {
             return Err(ExperimentError::NotFinite { what: format!("a spread of {spread_deg} degrees") });
         }
         let spread = spread_deg.to_radians();
-        let see = |(index, sensor): (usize, &Placement)| {
+        let see = |(index, sensor): (usize, &MountDeg)| {
             self.of(sensor).see_one_spread(sensor, spread, &mut Rng::new(seed, index as u64))
         };
         let (bitmaps, lost_rays) = sensors.par_iter().enumerate().map(see).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
-    fn see_one_spread(&self, sensor: &Placement, spread: f64, rng: &mut Rng) -> (Vec<u64>, u64) {
+    fn see_one_spread(&self, sensor: &MountDeg, spread: f64, rng: &mut Rng) -> (Vec<u64>, u64) {
         let mut bitmap = vec![0_u64; self.cells.iter().product::<usize>().div_ceil(64)];
         let mut lost = 0;
         for pose in 0..self.stations_m.len() {

@@ -1,7 +1,7 @@
 //! Where models are compared, and the mounts that they score.
 
 use crate::base::statistics::index_of_max;
-use crate::simulate::published::Path as Walk;
+use crate::rig::Path as Walk;
 use crate::study::StudyError;
 
 /// A scene, a sensor and a walk.

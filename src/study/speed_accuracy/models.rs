@@ -4,12 +4,10 @@ use rayon::prelude::*;
 
 use super::cases::{Case, Scored, Site};
 use crate::design::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
-use crate::design::objective::Objective;
+use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
 use crate::rig::Mount;
+use crate::rig::{MountDeg, Phase};
 use crate::simulate::detection::Detection;
-use crate::simulate::published::{
-    Experiment, ExperimentError, PUBLISHED_SPREAD_DEG, Phase, Placement, Simulator,
-};
 use crate::simulate::scan::SensorErrors;
 use crate::study::StudyError;
 
@@ -192,29 +190,35 @@ impl Model {
 pub(super) fn box_scores(
     objective: &Objective,
     model: &Model,
-    random: &[Vec<Placement>],
-    line: &[Vec<Placement>],
+    random: &[Vec<MountDeg>],
+    line: &[Vec<MountDeg>],
 ) -> Result<Scored, StudyError> {
     if *model == Model::Auto {
-        let published = random.first().map_or(0, |sensors| objective.simulator().experiment().rays(sensors));
+        let published = random.first().map_or(0, |sensors| objective.rays(sensors));
         return auto(&BoxLadder::new(objective).map_err(StudyError::of)?, published, random, line);
     }
-    let own = *objective.simulator().experiment();
-    let experiment = match *model {
+    let published_m = objective.simulator().experiment().voxel_m;
+    let changed = objective.changed(|experiment| match *model {
         Model::Reference { azimuths, sub_poses } => {
-            Experiment { azimuths, sub_poses, phase: Phase::Free, ..own }
+            (experiment.azimuths, experiment.sub_poses, experiment.phase) =
+                (azimuths, sub_poses, Phase::Free);
         }
         Model::Again { azimuths, sub_poses } => {
-            Experiment { azimuths, sub_poses, phase: Phase::Free, phase_shift: HALF_A_STEP, ..own }
+            (experiment.azimuths, experiment.sub_poses, experiment.phase) =
+                (azimuths, sub_poses, Phase::Free);
+            experiment.phase_shift = HALF_A_STEP;
         }
-        Model::Sampled { azimuths, sub_poses, phase } => Experiment { azimuths, sub_poses, phase, ..own },
-        Model::Voxel { voxel_m } => Experiment { voxel_m, ..own },
-        _ => own,
-    };
-    let objective = objective.with_simulator(Simulator::new(&experiment).map_err(StudyError::of)?);
+        Model::Sampled { azimuths, sub_poses, phase } => {
+            (experiment.azimuths, experiment.sub_poses, experiment.phase) = (azimuths, sub_poses, phase);
+        }
+        Model::Voxel { voxel_m } => experiment.voxel_m = voxel_m,
+        _ => (),
+    });
+    let objective = changed.map_err(StudyError::of)?;
+    let experiment = objective.simulator().experiment();
     // a wall has the fewer cells, the larger they are
-    let scale = (experiment.voxel_m / own.voxel_m).powi(2);
-    let score = |sensors: &Vec<Placement>| {
+    let scale = (experiment.voxel_m / published_m).powi(2);
+    let score = |sensors: &Vec<MountDeg>| {
         let simulator = objective.simulator();
         let mut counts = match model {
             Model::Spread => simulator.see_spread(sensors, PUBLISHED_SPREAD_DEG, 1)?.coverage.counts(),
@@ -226,7 +230,7 @@ pub(super) fn box_scores(
         counts.overlap = (counts.overlap as f64 * scale).round() as u64;
         Ok(objective.terms(sensors, &counts, None).objective())
     };
-    let scores = |mounts: &[Vec<Placement>]| -> Result<Vec<f64>, StudyError> {
+    let scores = |mounts: &[Vec<MountDeg>]| -> Result<Vec<f64>, StudyError> {
         mounts.par_iter().map(score).collect::<Result<_, ExperimentError>>().map_err(StudyError::of)
     };
     Ok(Scored::plain(scores(random)?, scores(line)?, 2.0 * experiment.rays_per_sensor() as f64))

@@ -5,7 +5,6 @@ use serde_json::{Value, json};
 use crate::base::statistics::{quantile, sorted};
 use crate::design::optimize::Kind;
 use crate::report::chart::{self, NamedPoint, ScatterChart};
-use crate::simulate::published::{Experiment, Phase};
 use crate::study::rows::{Row, chosen, number, numbers, text};
 use crate::study::searches::{self, SearchTask};
 use crate::study::{Figure, Findings, StudyError, Table};
@@ -38,10 +37,8 @@ pub(super) fn is_mine(task: &Value) -> bool {
 pub(super) fn run(task: &Value) -> Result<Vec<Row>, StudyError> {
     let task = searches::task(task)?;
     let mut found = task.run()?;
-    let (azimuths, sub_poses) = CONVERGED;
-    let experiment = Experiment { azimuths, sub_poses, phase: Phase::Free, ..task.experiment()? };
-    let sensors = experiment.sensors(&found.masters);
-    let converged = task.objective(&experiment)?.score_sensors(&sensors).map_err(StudyError::of)?;
+    let converged = searches::sampled(&found.objective, CONVERGED)?;
+    let converged = converged.score_sensors(&converged.sensors(&found.masters)).map_err(StudyError::of)?;
     found.row.insert("j_converged".into(), json!(converged));
     Ok(vec![found.row])
 }

@@ -5,10 +5,10 @@ use super::cases::{Case, Scored, Site};
 use super::models::{Model, box_scores, scene_scores};
 use crate::base::rng::Rng;
 use crate::design::fidelity::SceneLadder;
-use crate::design::objective::{Objective, Weights};
+use crate::design::objective::Objective;
 use crate::recording::read_trajectory;
 use crate::rig::Mount;
-use crate::simulate::published::{Experiment, Placement, Preset, Simulator};
+use crate::rig::MountDeg;
 use crate::study::{StudyError, walks};
 use crate::world::scene::{LoadedMesh, Scene, load_mesh};
 use std::path::Path;
@@ -18,14 +18,14 @@ use std::time::Instant;
 const VOXEL_M: f64 = 0.2;
 
 /// Masters of mirrored pairs at random.
-fn random_masters(count: usize) -> Vec<Placement> {
+fn random_masters(count: usize) -> Vec<MountDeg> {
     let mut rng = Rng::new(6, 0);
-    let master = |_| Placement {
+    let master = |_| MountDeg {
         x_m: rng.between(0.05, 0.15),
         y_m: rng.between(-0.25, 0.25),
         z_m: rng.between(-0.15, 0.15),
         pitch_deg: rng.between(-90.0, 90.0),
-        ..Placement::default()
+        ..MountDeg::default()
     };
     (0..count).map(master).collect()
 }
@@ -35,20 +35,18 @@ impl Case {
     pub(crate) fn score(&self, model: &Model, task: &Task) -> Result<Scored, StudyError> {
         let count = if matches!(model, Model::Again { .. }) { 0 } else { task.random() };
         let masters = random_masters(count);
-        let line: Vec<Placement> = task
+        let line: Vec<MountDeg> = task
             .pitches_deg()
             .into_iter()
-            .map(|pitch_deg| Placement { x_m: 0.1, pitch_deg, ..Placement::default() })
+            .map(|pitch_deg| MountDeg { x_m: 0.1, pitch_deg, ..MountDeg::default() })
             .collect();
         let start = Instant::now();
         let mut scored = match self.place {
             Site::Box { preset, walk } => {
-                let preset = Preset::named(preset).map_err(StudyError::of)?;
-                let experiment = Experiment { path: walk, ..Experiment::published(preset) };
-                let simulator = Simulator::new(&experiment).map_err(StudyError::of)?;
-                let objective = Objective::new(simulator, Weights::default(), 0.0).map_err(StudyError::of)?;
-                let pairs = |masters: &[Placement]| -> Vec<Vec<Placement>> {
-                    masters.iter().map(|master| experiment.sensors(&[*master])).collect()
+                let objective = Objective::published(preset, |experiment| experiment.path = walk);
+                let objective = objective.map_err(StudyError::of)?;
+                let pairs = |masters: &[MountDeg]| -> Vec<Vec<MountDeg>> {
+                    masters.iter().map(|master| objective.sensors(&[*master])).collect()
                 };
                 box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
             }
@@ -56,7 +54,7 @@ impl Case {
                 let path = task.scene.as_deref();
                 let path = path.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
                 let ladder = ladder(path, task.trajectory.as_deref(), sensor)?;
-                let pairs = |masters: &[Placement]| -> Vec<Vec<Mount>> {
+                let pairs = |masters: &[MountDeg]| -> Vec<Vec<Mount>> {
                     masters.iter().map(|master| vec![master.mount(), master.mirrored().mount()]).collect()
                 };
                 scene_scores(&ladder, model, &pairs(&masters), &pairs(&line))?

@@ -4,7 +4,7 @@ use super::sampling::{objective, pair, score};
 use super::{Case, Measured};
 use crate::base::statistics::{index_of_max, mean_and_deviation};
 use crate::design::robustness::{Robustness, Tolerance};
-use crate::simulate::published::{Path, Placement};
+use crate::rig::{MountDeg, Path};
 use crate::study::StudyError;
 
 pub(super) const CASES: &[Case] = &[
@@ -36,7 +36,7 @@ fn on_their_side(_quick: bool) -> Result<Measured, StudyError> {
     let mut differing = 0;
     let mut seen = Vec::new();
     for pitch_deg in [-90.0, -89.999_999, 0.0, 89.999_999, 90.0] {
-        let sensors = [Placement { x_m: 0.1, pitch_deg, ..Placement::default() }];
+        let sensors = [MountDeg { x_m: 0.1, pitch_deg, ..MountDeg::default() }];
         let fast = simulator.see(&sensors).map_err(StudyError::of)?;
         let exact = simulator.coverage_by_definition(&sensors).map_err(StudyError::of)?;
         let (fast, exact) = (fast.coverage.union(), exact.coverage.union());
@@ -57,8 +57,8 @@ fn on_their_side(_quick: bool) -> Result<Measured, StudyError> {
 
 fn coincident(_quick: bool) -> Result<Measured, StudyError> {
     let objective = objective("paper-os1-64", Path::Lateral)?;
-    let one = Placement { x_m: 0.1, pitch_deg: 30.0, ..Placement::default() };
-    let evaluate = |sensors: &[Placement]| objective.evaluate_sensors(sensors).map_err(StudyError::of);
+    let one = MountDeg { x_m: 0.1, pitch_deg: 30.0, ..MountDeg::default() };
+    let evaluate = |sensors: &[MountDeg]| objective.evaluate_sensors(sensors).map_err(StudyError::of);
     let (single, twice) = (evaluate(&[one])?, evaluate(&[one, one])?);
     let gained = twice.unique_voxels as f64 - single.unique_voxels as f64;
     let says = twice.violations.first().map(|violation| violation.to_string());

@@ -3,9 +3,9 @@
 use super::{Case, Measured};
 use crate::base::statistics::index_of_max;
 use crate::design::fidelity::{BoxLadder, Rules, rank};
-use crate::design::objective::{Objective, Weights};
+use crate::design::objective::Objective;
 use crate::design::robustness::{Robustness, Tolerance};
-use crate::simulate::published::{Experiment, Path, Phase, Placement, Preset, Simulator};
+use crate::rig::{MountDeg, Path};
 use crate::study::StudyError;
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::{BoxScene, Scene};
@@ -36,16 +36,13 @@ pub(super) const CASES: &[Case] = &[
 
 /// An objective of a pair in a published experiment.
 pub(super) fn objective(preset: &str, path: Path) -> Result<Objective, StudyError> {
-    let preset = Preset::named(preset).map_err(StudyError::of)?;
-    let simulator =
-        Simulator::new(&Experiment { path, ..Experiment::published(preset) }).map_err(StudyError::of)?;
-    Objective::new(simulator, Weights::default(), 0.0).map_err(StudyError::of)
+    Objective::published(preset, |experiment| experiment.path = path).map_err(StudyError::of)
 }
 
 /// The mirrored pair of a pitch.
-pub(super) fn pair(objective: &Objective, pitch_deg: f64) -> Vec<Placement> {
-    let master = Placement { x_m: 0.1, pitch_deg, ..Placement::default() };
-    objective.simulator().experiment().sensors(&[master])
+pub(super) fn pair(objective: &Objective, pitch_deg: f64) -> Vec<MountDeg> {
+    let master = MountDeg { x_m: 0.1, pitch_deg, ..MountDeg::default() };
+    objective.sensors(&[master])
 }
 
 /// Score of a pair.
@@ -55,10 +52,7 @@ pub(super) fn score(objective: &Objective, pitch_deg: f64) -> Result<f64, StudyE
 
 /// The same objective with ten times the azimuths, eight poses per metre and a free phase; a tenth of that in a hurry.
 fn converged(objective: &Objective, quick: bool) -> Result<Objective, StudyError> {
-    let own = *objective.simulator().experiment();
-    let (azimuths, sub_poses) = if quick { (360, 4) } else { (1800, 8) };
-    let fine = Experiment { azimuths, sub_poses, phase: Phase::Free, ..own };
-    Ok(objective.with_simulator(Simulator::new(&fine).map_err(StudyError::of)?))
+    crate::study::searches::sampled(objective, if quick { (360, 4) } else { (1800, 8) })
 }
 
 /// What a choice among pitches may lose, % of J.
@@ -74,7 +68,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
     let (seen, truth) = (line(&published)?, line(&reference)?);
     let (chosen, best) = (index_of_max(&seen), index_of_max(&truth));
     let regret = |at: usize| 100.0 * (truth[best] - truth[at]) / truth[best];
-    let pairs: Vec<Vec<Placement>> = pitches.iter().map(|pitch| pair(&published, *pitch)).collect();
+    let pairs: Vec<Vec<MountDeg>> = pitches.iter().map(|pitch| pair(&published, *pitch)).collect();
     let ladder = BoxLadder::new(&published).map_err(StudyError::of)?;
     let own_rays = published.simulator().experiment().rays_per_sensor() as f64 * 2.0;
     let rules = Rules { tolerance: 1e-3, rays_per_candidate: 10.0 * own_rays };

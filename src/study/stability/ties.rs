@@ -3,9 +3,9 @@
 use super::sampling::{objective, score};
 use super::{Case, Measured};
 use crate::base::statistics::index_of_max;
-use crate::design::objective::{Objective, Weights};
+use crate::design::objective::Objective;
 use crate::design::optimize::Kind;
-use crate::simulate::published::{Experiment, Path, Preset, Simulator};
+use crate::rig::Path;
 use crate::study::StudyError;
 use crate::study::searches::SearchTask;
 
@@ -23,10 +23,8 @@ pub(super) const CASES: &[Case] = &[
 ];
 
 fn saturation(quick: bool) -> Result<Measured, StudyError> {
-    let preset = Preset::named("paper-os1-64").map_err(StudyError::of)?;
-    let experiment = Experiment { voxel_m: 2.5, ..Experiment::published(preset) };
-    let simulator = Simulator::new(&experiment).map_err(StudyError::of)?;
-    let coarse = Objective::new(simulator, Weights::default(), 0.0).map_err(StudyError::of)?;
+    let coarse = Objective::published("paper-os1-64", |experiment| experiment.voxel_m = 2.5);
+    let coarse = coarse.map_err(StudyError::of)?;
     let fine = objective("paper-os1-64", Path::Lateral)?;
     let pitches: Vec<f64> = (0..=90).step_by(if quick { 6 } else { 1 }).map(f64::from).collect();
     let alike = |objective: &Objective| -> Result<f64, StudyError> {

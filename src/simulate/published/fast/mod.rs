@@ -12,8 +12,9 @@ use std::ops::Range;
 
 use super::elements::WIDTH;
 use super::shell::{Shell, ShellSize};
-use super::{Path, Phase, Placement, Simulator, brute};
+use super::{Simulator, brute};
 use crate::base::instructions::Instructions;
+use crate::rig::{MountDeg, Path, Phase};
 use sweep::View;
 
 /// What the fast method prepares once per experiment.
@@ -101,7 +102,7 @@ const WORTH_A_THREAD: usize = 8192;
 pub(super) fn see(
     simulator: &Simulator,
     plan: &Plan,
-    sensors: &[Placement],
+    sensors: &[MountDeg],
     instructions: Instructions,
 ) -> Vec<Shell> {
     let looker = Looker { simulator, plan, instructions };
@@ -138,7 +139,7 @@ struct Looker<'a> {
 
 impl Looker<'_> {
     /// What a sensor sees in ranges of azimuths.
-    fn see_alone(&self, sensor: &Placement, columns: &[Range<usize>]) -> Shell {
+    fn see_alone(&self, sensor: &MountDeg, columns: &[Range<usize>]) -> Shell {
         let (mut shell, undecided) = self.look(sensor, columns, false);
         for ray in undecided {
             self.decide(sensor, &ray, &mut shell);
@@ -150,7 +151,7 @@ impl Looker<'_> {
     /// A sensor and its mirror image. The ray at azimuth a of one is the mirror image of the ray at 180 degrees - a of
     /// the other, up to rounding; azimuths 0 and 180, where a rounding of the published sine makes all the difference,
     /// are looked at for each sensor on its own, and so is what the definition must decide.
-    fn see_pair(&self, master: &Placement) -> [Shell; 2] {
+    fn see_pair(&self, master: &MountDeg) -> [Shell; 2] {
         let azimuths = self.plan.azimuths.len();
         let poses = self.simulator.stations_m.len();
         let along = self.simulator.experiment.path == Path::Lateral;
@@ -177,7 +178,7 @@ impl Looker<'_> {
 
     /// What a sensor hits in ranges of azimuths, and what only the definition can decide. A second thread takes half of
     /// the columns, where there is one: marks of both are joined, so that neither can tell.
-    fn look(&self, sensor: &Placement, columns: &[Range<usize>], is_mirrored: bool) -> (Shell, Vec<Ray>) {
+    fn look(&self, sensor: &MountDeg, columns: &[Range<usize>], is_mirrored: bool) -> (Shell, Vec<Ray>) {
         let count: usize = columns.iter().map(Range::len).sum();
         let is_long = count * self.plan.beams >= WORTH_A_THREAD;
         if !is_long || rayon::current_num_threads() == 1 {
@@ -193,7 +194,7 @@ impl Looker<'_> {
         (shell, rays)
     }
 
-    fn sweep(&self, sensor: &Placement, columns: &[Range<usize>], is_mirrored: bool) -> (Shell, Vec<Ray>) {
+    fn sweep(&self, sensor: &MountDeg, columns: &[Range<usize>], is_mirrored: bool) -> (Shell, Vec<Ray>) {
         let (simulator, plan) = (self.simulator, self.plan);
         let poses = simulator.stations_m.len();
         let views: Vec<_> = (0..plan.classes.min(poses))
@@ -218,7 +219,7 @@ impl Looker<'_> {
     }
 
     /// Marks what one ray hits, by the definition.
-    fn decide(&self, sensor: &Placement, ray: &Ray, shell: &mut Shell) {
+    fn decide(&self, sensor: &MountDeg, ray: &Ray, shell: &mut Shell) {
         let simulator = self.simulator;
         let pose = simulator.pose(sensor, ray.pose);
         let direction = brute::direction(simulator, &pose, ray.azimuth, ray.beam);

@@ -8,11 +8,12 @@ use std::ops::Range;
 use super::hits::{Hits, Undecided};
 use super::{Plan, axes};
 use crate::base::instructions::{Instructions, Level};
+use crate::rig::MountDeg;
+use crate::simulate::published::Simulator;
 use crate::simulate::published::elements::{
     Directions, TINY, TO_WHOLE, WIDTH, exact_directions, fused, greater, smaller,
 };
 use crate::simulate::published::shell::Shell;
-use crate::simulate::published::{Placement, Simulator};
 
 /// How near to a voxel's face, in voxels, the definition decides.
 const GUARD: f64 = 1e-9;
@@ -37,7 +38,7 @@ impl View {
     pub(crate) fn new(
         simulator: &Simulator,
         plan: &Plan,
-        sensor: &Placement,
+        sensor: &MountDeg,
         class: usize,
         poses: usize,
         is_mirrored: bool,

@@ -5,7 +5,7 @@ use crate::rig::{Mount, SensorEntry};
 /// One sensor of the published decision vector; angles in degrees, because the published rotations are exact at
 /// multiples of 90 degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Placement {
+pub struct MountDeg {
     /// Right of the platform's origin, m.
     pub x_m: f64,
     /// Ahead of it, m.
@@ -20,7 +20,7 @@ pub struct Placement {
     pub sensor_type: usize,
 }
 
-impl Placement {
+impl MountDeg {
     /// The mirror image across the platform's plane of symmetry (YZ): a sensor of the same type.
     pub(crate) fn mirrored(&self) -> Self {
         Self { x_m: -self.x_m, pitch_deg: -self.pitch_deg, ..*self }
@@ -65,16 +65,41 @@ impl Placement {
     }
 }
 
-impl From<[f64; 5]> for Placement {
+impl From<[f64; 5]> for MountDeg {
     /// From `[x_m, y_m, z_m, pitch_deg, roll_deg]`, of the experiment's first sensor type.
     fn from([x_m, y_m, z_m, pitch_deg, roll_deg]: [f64; 5]) -> Self {
         Self { x_m, y_m, z_m, pitch_deg, roll_deg, sensor_type: 0 }
     }
 }
 
-impl From<Placement> for [f64; 5] {
-    fn from(placement: Placement) -> Self {
-        [placement.x_m, placement.y_m, placement.z_m, placement.pitch_deg, placement.roll_deg]
+impl From<MountDeg> for [f64; 5] {
+    fn from(mount: MountDeg) -> Self {
+        [mount.x_m, mount.y_m, mount.z_m, mount.pitch_deg, mount.roll_deg]
+    }
+}
+
+/// All mounts between two corners, component by component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MountRegion {
+    /// Least components.
+    pub low: MountDeg,
+    /// Maximum components.
+    pub high: MountDeg,
+}
+
+impl MountRegion {
+    /// The mirror images of its mounts across the platform's plane of symmetry.
+    pub(crate) fn mirrored(&self) -> Self {
+        let (low, high) = (self.high.mirrored(), self.low.mirrored());
+        let corner =
+            |from: MountDeg, other: MountDeg| MountDeg { x_m: from.x_m, pitch_deg: from.pitch_deg, ..other };
+        Self { low: corner(low, self.low), high: corner(high, self.high) }
+    }
+
+    /// Of every component, minimum and maximum.
+    pub(crate) fn intervals(&self) -> [[f64; 2]; 5] {
+        let (low, high) = (<[f64; 5]>::from(self.low), <[f64; 5]>::from(self.high));
+        std::array::from_fn(|at| [low[at], high[at]])
     }
 }
 

@@ -2,11 +2,11 @@
 
 use std::str::FromStr;
 
-use super::{Experiment, Placement};
+use super::MountDeg;
 
 /// Masters as typed, with the model of each where it was named.
 #[derive(Clone, Debug)]
-pub(crate) struct Masters(Vec<(Placement, Option<String>)>);
+pub(crate) struct Masters(Vec<(MountDeg, Option<String>)>);
 
 impl FromStr for Masters {
     type Err = String;
@@ -45,22 +45,21 @@ pub(crate) enum MastersError {
 
 impl Masters {
     /// The masters where the sensors are specified elsewhere; none may name a model.
-    pub(crate) fn without_models(&self) -> Result<Vec<Placement>, MastersError> {
-        let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| match model {
+    pub(crate) fn without_models(&self) -> Result<Vec<MountDeg>, MastersError> {
+        let placed = |(index, (mount, model)): (usize, &(MountDeg, Option<String>))| match model {
             Some(model) => Err(MastersError::ModelNamed { number: index + 1, model: model.clone() }),
-            None => Ok(*placement),
+            None => Ok(*mount),
         };
         self.0.iter().enumerate().map(placed).collect()
     }
 
-    /// The masters in an experiment: of its only type, or of the type that is named.
-    pub(crate) fn of(&self, experiment: &Experiment) -> Result<Vec<Placement>, MastersError> {
-        let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
-        let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| {
+    /// The masters where these are the models of the sensor types: of the only one, or of the one that is named.
+    pub(crate) fn of(&self, models: &[&str]) -> Result<Vec<MountDeg>, MastersError> {
+        let placed = |(index, (mount, model)): (usize, &(MountDeg, Option<String>))| {
             let known = |name: &String| models.iter().position(|model| model.eq_ignore_ascii_case(name));
-            match (model.as_ref().map(known), &models[..]) {
-                (None, [_]) => Ok(*placement),
-                (Some(Some(sensor_type)), _) => Ok(Placement { sensor_type, ..*placement }),
+            match (model.as_ref().map(known), models) {
+                (None, [_]) => Ok(*mount),
+                (Some(Some(sensor_type)), _) => Ok(MountDeg { sensor_type, ..*mount }),
                 _ => Err(MastersError::WhichModel { number: index + 1, known: models.join(", ") }),
             }
         };
@@ -71,7 +70,6 @@ impl Masters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::published::PRESETS;
 
     #[test]
     fn masters_are_read_or_refused_by_name() {
@@ -90,10 +88,10 @@ mod tests {
         }
         let named = "0,0,0,9,0, vlp-16;0,0,0,0,0,OS1-64".parse::<Masters>().unwrap();
         assert!(named.without_models().unwrap_err().to_string().contains("master 1"));
-        let both = Experiment::mixed(&[&PRESETS[0], &PRESETS[1]]).unwrap();
+        let both = ["os1-64", "vlp-16"];
         let types: Vec<_> = named.of(&both).unwrap().iter().map(|master| master.sensor_type).collect();
         assert_eq!(types, [1, 0]);
-        let alone = Experiment::published(&PRESETS[0]);
+        let alone = ["os1-64"];
         assert!(named.of(&alone).unwrap_err().to_string().contains("one of os1-64"));
         let unnamed = "0,0,0,9,0".parse::<Masters>().unwrap();
         assert_eq!(unnamed.of(&alone).unwrap().len(), 1);
