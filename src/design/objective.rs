@@ -35,9 +35,8 @@ pub(crate) use settings::{are_same_presets, other_score};
 use sensors::catalogue;
 
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
-use crate::rig::MountDeg;
-use crate::rig::{Clearance, MountedSensor, Rig};
-use crate::simulate::published::{Preset, Simulator};
+use crate::rig::{Clearance, MountDeg, MountedSensor, Rig};
+use crate::simulate::published::Simulator;
 use crate::world::coverage::Counts;
 
 /// Coefficients of J.
@@ -255,11 +254,12 @@ impl Objective {
         weights: Weights,
         least_distance_m: f64,
     ) -> Result<Self, catalogue::ModelError> {
-        let housing = |preset: &Preset| {
-            let model = catalogue::nominal(preset.model)?;
+        let housing = |model| {
+            let model = catalogue::nominal(model)?;
             Ok(MountedSensor { name: String::new(), model, mount: Default::default() })
         };
-        let housings = simulator.experiment().types().map(housing).collect::<Result<Vec<_>, _>>()?;
+        let housings =
+            simulator.experiment().models().into_iter().map(housing).collect::<Result<Vec<_>, _>>()?;
         let prices = vec![weights.sensor_cost; housings.len()];
         Ok(Self { simulator, weights, housings, prices, least_distance_m })
     }

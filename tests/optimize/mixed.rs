@@ -217,8 +217,8 @@ pub fn experiments_that_cannot_share_a_rig_are_refused() {
     for bad in [&[][..], &[ouster, ouster], &[ouster, velodyne, ouster]] {
         assert!(Experiment::mixed(bad).unwrap_err().to_string().contains("make no rig"));
     }
-    let stranger = MountDeg { sensor_type: 2, ..MountDeg::default() };
-    let error = Simulator::new(&mixed()).unwrap().count(&[MountDeg::default(), stranger]).unwrap_err();
+    let unknown = MountDeg { sensor_type: 2, ..MountDeg::default() };
+    let error = Simulator::new(&mixed()).unwrap().count(&[MountDeg::default(), unknown]).unwrap_err();
     assert!(error.to_string().contains("sensor 2 is of type 2"), "{error}");
 }
 

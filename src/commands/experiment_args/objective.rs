@@ -3,8 +3,7 @@
 use super::ExperimentArgs;
 use crate::commands::{ensure_consistent, wrong_usage};
 use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
-use crate::rig::MountFile;
-use crate::rig::Roll;
+use crate::rig::{MountFile, Roll};
 use crate::simulate::published::{Experiment, ExperimentError, Preset, Simulator};
 
 /// Most columns of a published experiment.

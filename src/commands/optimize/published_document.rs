@@ -6,8 +6,7 @@ use super::args::Args;
 use crate::base::files;
 use crate::design::optimize::{JudgedShortlist, MountProblem, Refinement, RunEnd, Search, Trial};
 use crate::report::search::{Best, Document, Proved, page};
-use crate::rig::MountDeg;
-use crate::rig::MountFile;
+use crate::rig::{MountDeg, MountFile};
 
 /// What is known of the best mount when the search has ended.
 pub(super) struct Ended<'a> {

@@ -8,8 +8,7 @@ use super::values::Corners;
 use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
 use crate::design::scene_search::{RigSpace, is_of_few_channels};
-use crate::rig::Roll;
-use crate::rig::{MountFile, Rig, Unit};
+use crate::rig::{MountFile, Rig, Roll, Unit};
 use crate::simulate::view::{Fineness, Sampling};
 
 /// Least range of an ideal sensor, m.

@@ -12,8 +12,7 @@ use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
 use crate::design::objective::{Objective, other_score};
 use crate::report::score::{Document, page};
-use crate::rig::Masters;
-use crate::rig::MountFile;
+use crate::rig::{Masters, MountFile};
 use crate::rig::{MountDeg, Roll};
 
 /// How a published experiment is scored.

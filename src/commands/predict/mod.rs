@@ -15,8 +15,7 @@ use super::scene_args::{MeshArgs, Room, SampleArgs};
 use super::scene_file::MapArgs;
 use super::trajectory_args::TrajectoryArgs;
 use super::{Context, Outcome, output};
-use crate::rig::Masters;
-use crate::rig::UnitChoice;
+use crate::rig::{Masters, UnitChoice};
 
 /// Arguments of `predict`.
 #[derive(clap::Args, Debug)]

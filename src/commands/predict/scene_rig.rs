@@ -4,8 +4,7 @@ use anyhow::bail;
 
 use super::Args;
 use crate::commands::{output, wrong_usage};
-use crate::rig::MountDeg;
-use crate::rig::{MountFile, MountedSensor, Rig, Unit, UnitChoice};
+use crate::rig::{MountDeg, MountFile, MountedSensor, Rig, Unit, UnitChoice};
 
 pub(super) fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     let (units, rig) = match (&args.mounts, &args.sensors[..], &args.mount) {

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::Ladder;
-use crate::rig::Phase;
-use crate::rig::{Mount, MountedSensor, Rig};
+use crate::rig::{Mount, MountedSensor, Phase, Rig};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::world::coverage::{Coverage, VoxelGrid};

@@ -1,8 +1,7 @@
 //! The settings of a score, and in what they differ from those of another one.
 
 use super::{Objective, Prices, prices_by_model};
-use crate::rig::MountDeg;
-use crate::rig::{FoundWith, MountFile, SensorEntry};
+use crate::rig::{FoundWith, MountDeg, MountFile, SensorEntry};
 
 impl Objective {
     /// The settings of a score by this objective.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::simulate::published::Experiment;
+use crate::simulate::published::{Experiment, Preset};
 
 fn counts(union: u64, overlap: u64) -> Counts {
     Counts { union, overlap, per_sensor: vec![], unique_per_sensor: vec![] }

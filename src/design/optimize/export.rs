@@ -2,9 +2,9 @@
 
 use super::{Kind, MountProblem};
 use crate::design::objective::Evaluation;
-use crate::rig::{MountDeg, Path, Roll};
 use crate::rig::{
-    MountFile, Optimization, PublishedExport, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
+    MountDeg, MountFile, Optimization, Path, PublishedExport, PublishedPose, Roll, RollRule, Symmetry, Walk,
+    sensor_type,
 };
 
 impl MountProblem {

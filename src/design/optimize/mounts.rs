@@ -268,9 +268,8 @@ impl MountProblem {
     /// registration falls short; sensors that may not be are still scored.
     pub fn measure(&self, values: &[f64]) -> Result<Measured, ExperimentError> {
         let masters = self.masters(values);
-        let experiment = self.objective.simulator().experiment();
-        let sensors = experiment.sensors(&masters);
-        let rays = experiment.rays(&sensors);
+        let sensors = self.objective.sensors(&masters);
+        let rays = self.objective.rays(&sensors);
         let too_close_m = self.violation(&sensors);
         if let Some((robustness, criterion)) = &self.robust {
             let quality = self.objective.registration(&sensors);

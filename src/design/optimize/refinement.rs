@@ -91,9 +91,9 @@ impl Refiner {
         keep_best(&mut seen);
         let min_score = seen.first().map_or(0.0, |best| best.0 - WORTH_REFINING * best.0.abs());
         seen.retain(|(score, _)| *score >= min_score);
-        let experiment = ladder.objective(SEARCH_LEVEL).simulator().experiment();
+        let objective = ladder.objective(SEARCH_LEVEL);
         let candidates: Vec<_> =
-            seen.iter().map(|(_, values)| experiment.sensors(&problem.masters(values))).collect();
+            seen.iter().map(|(_, values)| objective.sensors(&problem.masters(values))).collect();
         let Some(first) = candidates.first() else { return Ok(None) };
         let rules = Rules {
             tolerance: regret,

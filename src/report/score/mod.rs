@@ -11,8 +11,7 @@ use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{Rescored, SingleScore};
 use crate::design::objective::{Evaluation, Objective, POSE_STEP_M};
 use crate::design::registration::{RegistrationQuality, least_along};
-use crate::rig::Touching;
-use crate::rig::{MountDeg, Path, Phase};
+use crate::rig::{MountDeg, Path, Phase, Touching};
 use crate::simulate::baselines::Baselines;
 use crate::world::coverage::Coverage;
 

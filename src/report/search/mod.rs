@@ -10,8 +10,7 @@ use crate::design::objective::Evaluation;
 use crate::design::optimize::{Certificate, JudgedShortlist, KeepApart, Kind, Refinement, StoppedBy};
 use crate::design::robustness::Spread;
 use crate::report::chart::number;
-use crate::rig::MountFile;
-use crate::rig::Path;
+use crate::rig::{MountFile, Path};
 
 /// The document of a search.
 #[derive(Serialize)]

@@ -5,8 +5,7 @@ use rayon::prelude::*;
 use super::cases::{Case, Scored, Site};
 use crate::design::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
 use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
-use crate::rig::Mount;
-use crate::rig::{MountDeg, Phase};
+use crate::rig::{Mount, MountDeg, Phase};
 use crate::simulate::detection::Detection;
 use crate::simulate::scan::SensorErrors;
 use crate::study::StudyError;
@@ -199,14 +198,12 @@ pub(super) fn box_scores(
     }
     let published_m = objective.simulator().experiment().voxel_m;
     let changed = objective.changed(|experiment| match *model {
-        Model::Reference { azimuths, sub_poses } => {
+        Model::Reference { azimuths, sub_poses } | Model::Again { azimuths, sub_poses } => {
             (experiment.azimuths, experiment.sub_poses, experiment.phase) =
                 (azimuths, sub_poses, Phase::Free);
-        }
-        Model::Again { azimuths, sub_poses } => {
-            (experiment.azimuths, experiment.sub_poses, experiment.phase) =
-                (azimuths, sub_poses, Phase::Free);
-            experiment.phase_shift = HALF_A_STEP;
+            if matches!(model, Model::Again { .. }) {
+                experiment.phase_shift = HALF_A_STEP;
+            }
         }
         Model::Sampled { azimuths, sub_poses, phase } => {
             (experiment.azimuths, experiment.sub_poses, experiment.phase) = (azimuths, sub_poses, phase);
