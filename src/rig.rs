@@ -22,7 +22,7 @@ mod unit;
 mod urdf;
 
 pub(crate) use conflicts::Conflicts;
-pub(crate) use description::describe;
+pub(crate) use description::{Description, FrameRow, Gap, SensorRow, describe};
 pub(crate) use drawing::draw;
 pub(crate) use extrinsics::Extrinsics;
 pub use found_with::{FoundWith, Path, Phase, Roll};

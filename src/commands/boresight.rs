@@ -14,7 +14,7 @@ use crate::verify::calibrate::{Pair, relative_mount};
 use crate::verify::compare::{RaySample, RecordedRay};
 use crate::verify::walk::OdometryResult;
 use crate::world::trajectory::Trajectory;
-use document::{Document, text, verdict, words};
+use document::{Document, report, verdict, words};
 
 /// Returns that are held, of all sensors together.
 const RAYS: usize = 1 << 22;
@@ -83,7 +83,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    output::print_result(context.json, &document, || text(&document), &document.problems)?;
+    output::print_result(context.json, &document, &report(&document), &document.problems)?;
     Ok(if document.verdict == "matches" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 

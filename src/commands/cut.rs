@@ -7,8 +7,9 @@ use anyhow::ensure;
 use super::part::PartArgs;
 use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
-use crate::recording::cutting::{Cutting, CuttingSpec};
+use crate::recording::cutting::{Cutting, CuttingSpec, Document};
 use crate::recording::packet_writer::PacketFormat;
+use crate::report::Report;
 
 /// Arguments of `cut`.
 #[derive(clap::Args, Debug)]
@@ -60,6 +61,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         cutting.add(args.sensors.or_of(context, path))?;
     }
     let document = cutting.finish()?;
-    output::print_result(context.json, &document, || document.text(), &document.losses)?;
+    output::print_result(context.json, &document, &report(&document), &document.losses)?;
     Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+}
+
+fn report(document: &Document) -> Report {
+    let Document { out, packets, sensors, left_out, .. } = document;
+    let mut report = Report::new("Packets cut out", &format!("{out}: {packets} packets"));
+    report.figures(sensors.iter().map(|(sensor, packets)| (sensor, packets.to_string())));
+    if *left_out > 0 {
+        report.note(format!("{left_out} packets of other times or sensors left out"));
+    }
+    report
 }

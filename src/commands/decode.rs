@@ -12,6 +12,7 @@ use crate::recording::decoding::{
 };
 use crate::recording::export::Format;
 use crate::recording::{Recording, RecordingSpec};
+use crate::report::decoding;
 use crate::verify::walk::registration;
 use points::PointArgs;
 
@@ -48,9 +49,6 @@ pub struct Args {
     /// Overwrite files that exist.
     #[arg(long)]
     force: bool,
-    /// Print a line for every frame.
-    #[arg(short, long)]
-    verbose: bool,
 }
 
 impl Args {
@@ -88,6 +86,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
         decode(&spec, &recording, placing, notices, &stop)?
     };
-    output::print_result(context.json, &document, || document.table(args.verbose), document.notices())?;
+    output::print_result(context.json, &document, &decoding::report(&document), document.notices())?;
     Ok(if document.is_data_lost() { Outcome::DataLost } else { Outcome::Done })
 }

@@ -8,6 +8,7 @@ use super::defaults::section;
 use super::{Context, Outcome, Verb, daemon, output, rig_args};
 use crate::drive::Options;
 use crate::live::config::Config;
+use crate::report::readiness::report;
 use crate::verify::readiness::{self, Check, CheckState, ConfiguredSensors, Readiness, Traffic, check_rig};
 use slots::check_slots;
 
@@ -67,7 +68,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         });
     }
     let document = Readiness::of(checks);
-    output::print_result(context.json, &document, || document.text(), &[])?;
+    output::print_result(context.json, &document, &report(&document), &[])?;
     Ok(if document.is_ready() { Outcome::Done } else { Outcome::DataLost })
 }
 

@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::base::files;
+use crate::report::Report;
 use found::{FoundSensor, found_in};
 
 const TEMPLATE: &str = include_str!("init/rig.toml");
@@ -57,13 +58,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let written: Vec<&Path> = made.iter().map(|(path, _)| path.as_path()).collect();
-    let lines = || written.iter().map(|path| format!("{}\n", path.display())).collect();
-    output::print_result(
-        context.json,
-        &serde_json::json!({ "written": path, "files": written }),
-        lines,
-        &[],
-    )?;
+    let mut report = Report::new("Files written", "");
+    written.iter().for_each(|path| report.note(path.display().to_string()));
+    let document = serde_json::json!({ "written": path, "files": written });
+    output::print_result(context.json, &document, &report, &[])?;
     Ok(Outcome::Done)
 }
 

@@ -6,6 +6,7 @@ use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::recording::Recording;
 use crate::recording::inspection::inspect;
+use crate::report::inspection::report;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
@@ -28,6 +29,6 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.sensors.or_of(context, &args.capture))?;
     let document = inspect(&recording)?;
-    output::print_result(context.json, &document, || document.text(), &[])?;
+    output::print_result(context.json, &document, &report(&document), &[])?;
     Ok(if document.is_whole() { Outcome::Done } else { Outcome::DataLost })
 }

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 
 use super::{Context, Outcome, output};
 use crate::base::files;
+use crate::report::mount::report;
 use crate::rig::{UnitChoice, describe, framed};
 use reading::{drawn, read, servos};
 
@@ -90,7 +91,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         written.push(path.clone());
     }
     let document = describe(&file, &sensors, &servos, problems, written);
-    output::print_result(context.json, &document, || document.text(), &document.problems)?;
+    output::print_result(context.json, &document, &report(&document), &document.problems)?;
     let can_be_built = document.conflicts.touching.is_empty() && document.conflicts.violations.is_empty();
     Ok(if can_be_built { Outcome::Done } else { Outcome::DataLost })
 }

@@ -16,7 +16,7 @@ use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
 use crate::verify::align::Hint;
 use crate::verify::walk::Placed;
-use document::{Document, text};
+use document::{Document, report};
 use map::{map_of, write_map};
 use walk::{in_scene, kitti, walked};
 
@@ -114,6 +114,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         files,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    output::print_result(context.json, &document, || text(&document), &document.problems)?;
+    output::print_result(context.json, &document, &report(&document), &document.problems)?;
     Ok(if result.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
 }

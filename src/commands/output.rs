@@ -1,12 +1,13 @@
 //! What every verb prints alike: the JSON document on stdout, errors on stderr, the command to run again.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 
 use crate::base::files::check_place;
+use crate::report::Report;
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
 pub(crate) fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
@@ -25,20 +26,26 @@ pub(crate) fn print_text(text: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Prints a result: the document where JSON is asked for, otherwise its text; then what is odd or was lost.
+/// Prints a result: the document where JSON is asked for, otherwise its report; then what is odd or was lost.
 pub(crate) fn print_result(
     is_json: bool,
     document: &impl serde::Serialize,
-    text: impl FnOnce() -> String,
+    report: &Report,
     problems: &[String],
 ) -> anyhow::Result<()> {
     if is_json {
         print_json(document)?;
     } else {
-        print_text(&text())?;
+        print_text(&report.text(VERBOSE.load(Ordering::Relaxed)))?;
     }
     problems.iter().for_each(|problem| say_notice(problem));
     Ok(())
+}
+
+/// Writes a report as a page, where that was asked for.
+pub(crate) fn write_page(path: Option<&Path>, report: &Report) -> anyhow::Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    report.write(path, &again()).with_context(|| format!("cannot write the page {}", path.display()))
 }
 
 /// Looks, before the work is done, whether the files that were asked for could be written.

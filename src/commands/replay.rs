@@ -75,7 +75,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let sent = spec.send(&show, &stop);
     bar.finish_and_clear();
     let sent = sent?;
-    output::print_result(context.json, &sent, || sent.text(&spec), &sent.losses)?;
+    output::print_result(context.json, &sent, &sent.report(&spec), &sent.losses)?;
     sent.notices.iter().for_each(|notice| output::say_notice(notice));
     ensure!(!stop.load(Ordering::Relaxed) || args.again, INTERRUPTED);
     Ok(if sent.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })

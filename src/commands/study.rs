@@ -11,8 +11,9 @@ pub use self::args::Args;
 use self::args::{Action, SHARDS, make_plan, refuse_unused};
 use super::stage::Stage;
 use super::{Context, Outcome, output, signals};
+use crate::report::Report;
 use crate::study::shard::{Plan, Ran, Shard};
-use crate::study::{Findings, named, submit};
+use crate::study::{Findings, findings_report, named, submit};
 
 const INTERRUPTED: &str = "interrupted: whole shards stay, the same command goes on from there";
 /// Time after Ctrl-C in which a shard may still be written. A task may take minutes; of a shard that is not whole nothing is
@@ -68,11 +69,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         shard: args.shard.filter(|_| action == Action::Run).map(|shard| shard.to_string()),
         findings: findings.as_ref(),
     };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&summary(&document))?;
-    }
+    output::print_result(context.json, &document, &report(&document, study.about()), &[])?;
     if let Some(findings) = findings.filter(|findings| !findings.failed.is_empty()) {
         anyhow::bail!(
             "{} holds what could be studied; the rest failed, and running the study again tries it again: {}",
@@ -107,14 +104,16 @@ fn run_shards(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-fn summary(document: &Document) -> String {
+fn report(document: &Document, about: &str) -> Report {
     let Some(findings) = document.findings else {
         let part = document.shard.as_ref().map_or(String::new(), |shard| format!("; shard {shard} is done"));
-        let mut text = format!("{}: {} tasks in {}{part}\n", document.study, document.tasks, document.folder);
-        if let Some(start) = &document.start {
-            text += &format!("start it with {start}\n");
-        }
-        return text;
+        let sentence = format!("{}: {} tasks in {}{part}", document.study, document.tasks, document.folder);
+        let mut report = Report::new(document.study, &sentence);
+        report.figures(document.start.as_ref().map(|start| ("start it with", start.clone())));
+        return report;
     };
-    findings.text(document.study) + &format!("\n{}/report.html\n", document.folder)
+    let mut report = findings_report(document.study, about, findings);
+    report.heading("");
+    report.note(format!("{}/report.html", document.folder));
+    report
 }

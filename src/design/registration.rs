@@ -175,11 +175,10 @@ impl RegistrationQuality {
         })
     }
 
-    /// One line of a summary.
-    pub(crate) fn line(&self) -> String {
+    /// Of translation, in words.
+    pub(crate) fn words(&self) -> String {
         format!(
-            "registration   strength {:.4} (5th percentile {:.4}; {DEGENERATE} is degenerate, 0.333 the maximum); \
-             {:.0} of {} scans degenerate\n",
+            "{:.4} (5th percentile {:.4}; {DEGENERATE} is degenerate, 0.333 the maximum); {:.0} of {} scans degenerate",
             self.translation_median,
             self.translation_p5,
             self.degenerate_share * self.scans as f64,

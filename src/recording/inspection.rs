@@ -1,10 +1,8 @@
-//! What `inspect` reports: the JSON document and the text.
+//! What a recording holds: the JSON document.
 
-use std::fmt::Write as _;
-
+use sensors::Decoded;
 use sensors::capture::{CaptureCounters, Interface};
 use sensors::router::{Router, Sensor, Unclaimed};
-use sensors::{DecodeStats, Decoded};
 use serde::Serialize;
 
 use super::bags::TopicCount;
@@ -12,43 +10,42 @@ use super::flows::{FlowReport, Flows};
 use super::mounted::host_clock::inferred;
 use super::source::{Ending, Recording, RecordingError};
 use super::{Session, SessionError, sensor_ids, unread};
-use crate::base::numbers::counted;
 use crate::live::watch::{SensorReport, Watch};
 
 /// The document.
 #[derive(Serialize)]
 pub(crate) struct Document {
-    capture: String,
-    first_host_time_ns: Option<u64>,
-    last_host_time_ns: Option<u64>,
-    duration_s: Option<f64>,
+    pub(crate) capture: String,
+    pub(crate) first_host_time_ns: Option<u64>,
+    pub(crate) last_host_time_ns: Option<u64>,
+    pub(crate) duration_s: Option<f64>,
     /// Every time that the host's clock was set meanwhile.
-    host_clock: Vec<HostClockStep>,
-    interfaces: Vec<Interface>,
+    pub(crate) host_clock: Vec<HostClockStep>,
+    pub(crate) interfaces: Vec<Interface>,
     /// Topics of a bag.
-    topics: Vec<TopicCount>,
-    sensors: Vec<SensorReport>,
-    flows: Vec<FlowReport>,
-    packets_of_other_flows: u64,
-    unclaimed: Vec<Unclaimed>,
-    fragments_incomplete: u64,
-    capture_counters: CaptureCounters,
-    losses: Vec<String>,
+    pub(crate) topics: Vec<TopicCount>,
+    pub(crate) sensors: Vec<SensorReport>,
+    pub(crate) flows: Vec<FlowReport>,
+    pub(crate) packets_of_other_flows: u64,
+    pub(crate) unclaimed: Vec<Unclaimed>,
+    pub(crate) fragments_incomplete: u64,
+    pub(crate) capture_counters: CaptureCounters,
+    pub(crate) losses: Vec<String>,
     /// What differs from the specification or from what one expects, and costs nothing.
-    notes: Vec<String>,
-    advice: Vec<String>,
+    pub(crate) notes: Vec<String>,
+    pub(crate) advice: Vec<String>,
 }
 
 /// One step of the host's clock.
 #[derive(Serialize)]
-struct HostClockStep {
+pub(crate) struct HostClockStep {
     /// When, by the stamps of the recording, ns.
-    host_ns: u64,
+    pub(crate) host_ns: u64,
     /// How far forward, s.
-    step_s: f64,
+    pub(crate) step_s: f64,
     /// The stamps of the recording go on steadily all the same.
-    is_undone: bool,
-    words: String,
+    pub(crate) is_undone: bool,
+    pub(crate) words: String,
 }
 
 /// Goes through a recording.
@@ -132,142 +129,6 @@ impl Document {
     pub(crate) fn is_whole(&self) -> bool {
         self.losses.is_empty()
     }
-
-    /// The same for people.
-    pub(crate) fn text(&self) -> String {
-        let mut text = format!("{}: ", self.capture);
-        let counters = &self.capture_counters;
-        let _ = match self.duration_s {
-            Some(duration_s) => writeln!(text, "{} datagrams in {duration_s:.3} s", counters.datagrams),
-            None if !self.topics.is_empty() => writeln!(text, "no packets in {} messages", counters.frames),
-            None => writeln!(text, "no UDP datagrams in {} frames", counters.frames),
-        };
-        for TopicCount { topic, kind, messages, packets, .. } in &self.topics {
-            let packets = if *packets > 0 { format!(", {packets} packets") } else { String::new() };
-            let _ = writeln!(text, "  {topic} ({kind}): {messages} messages{packets}");
-        }
-        for step in &self.host_clock {
-            let _ = writeln!(text, "{}", step.words);
-        }
-        for sensor in &self.sensors {
-            sensor.append_to(&mut text);
-        }
-        if !self.flows.is_empty() {
-            text.push_str("streams:\n");
-        }
-        for flow in &self.flows {
-            let rate = flow.rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.1}/s"));
-            let serial = flow.serial.map_or(String::new(), |serial| format!(", sensor {serial}"));
-            let mode = flow.columns_per_frame.map_or(String::new(), |columns| format!(", {columns} columns"));
-            let assignment = flow.assignment();
-            let FlowReport { source, length, packets, looks_like, .. } = flow;
-            let destination = match flow.destination.as_str() {
-                "" => String::new(),
-                receiver => format!(" -> {receiver}"),
-            };
-            let _ = writeln!(
-                text,
-                "  {source}{destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{assignment}"
-            );
-        }
-        for (title, lines) in
-            [("missing", &self.losses), ("to note", &self.notes), ("what would help", &self.advice)]
-        {
-            if !lines.is_empty() {
-                let _ = writeln!(text, "{title}:");
-            }
-            for line in lines {
-                let _ = writeln!(text, "  {line}");
-            }
-        }
-        if unread::oddities(counters).next().is_some() {
-            text.push_str("also in the file:\n");
-        }
-        for (count, what) in unread::oddities(counters) {
-            let _ = writeln!(text, "  {count} {what}");
-        }
-        text
-    }
-}
-
-impl SensorReport {
-    fn append_to(&self, text: &mut String) {
-        let about = [
-            (!self.serial.is_empty()).then(|| format!("serial {}", self.serial)),
-            (!self.firmware.is_empty()).then(|| format!("firmware {}", self.firmware)),
-            self.source.as_ref().map(|source| format!("from {source}")),
-        ];
-        let about: Vec<String> = about.into_iter().flatten().collect();
-        let _ = writeln!(
-            text,
-            "{}: {} {}, {}, {}",
-            self.id,
-            self.vendor,
-            self.model,
-            self.format,
-            about.join(", ")
-        );
-        let rate = self.frame_rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.2} Hz"));
-        let points =
-            self.points_per_frame.map_or(String::new(), |points| format!(", {points:.0} points each"));
-        let second = self
-            .points_second_per_frame
-            .map_or(String::new(), |points| format!(" and {points:.0} second returns"));
-        let _ = writeln!(
-            text,
-            "    {}, {} whole{rate}{points}{second}",
-            counted(self.frames, "frame"),
-            self.complete_frames
-        );
-        let _ = writeln!(text, "    beams {}", self.beams);
-        let counters = &self.counters;
-        let _ = writeln!(
-            text,
-            "    {} packets: {}, {} foreign; {} restarts",
-            counters.packets,
-            losses(counters),
-            counters.foreign,
-            counters.init_id_changes,
-        );
-        for (count, what) in [
-            (self.imu_samples, "inertial samples"),
-            (self.position_packets, "position packets"),
-            (self.zone_reports, "zone reports"),
-        ] {
-            if count > 0 {
-                let _ = writeln!(text, "    {count} {what}");
-            }
-        }
-        if let Some(clock) = &self.clock {
-            let mode = self.timestamp_mode.as_ref().map_or(String::new(), |mode| format!(" ({mode})"));
-            let _ = writeln!(text, "    clock{mode} {}", clock.text());
-        }
-        if let Some(pulse) = self.pulse {
-            let _ = writeln!(text, "    pulse per second: {}", format!("{pulse:?}").to_lowercase());
-        }
-        if let Some(hours) = self.hours_in_use {
-            let _ = writeln!(text, "    {hours} hours in use");
-        }
-        if let Some(sentence) = &self.gps_sentence {
-            let valid = match self.gps_valid {
-                Some(true) => "valid",
-                Some(false) => "no fix",
-                None => "unreadable",
-            };
-            let _ = writeln!(text, "    GPS ({valid}): {sentence}");
-        }
-        if !self.silent_beams.is_empty() {
-            let rings: Vec<String> = self.silent_beams.iter().map(u16::to_string).collect();
-            let _ = writeln!(
-                text,
-                "    beams that never return, and their neighbours do: ring {}",
-                rings.join(", ")
-            );
-        }
-        for remark in self.remark.iter().chain(&self.warnings) {
-            let _ = writeln!(text, "    {remark}");
-        }
-    }
 }
 
 /// Streams of a bag come from topics; the addresses of their packets are made up.
@@ -335,17 +196,4 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
         }
     }
     advice
-}
-
-/// What happened to the packets of a sensor, for the screen.
-pub(super) fn losses(counters: &DecodeStats) -> String {
-    format!(
-        "{} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum",
-        counters.lost_packets,
-        counters.duplicated,
-        counters.reordered,
-        counters.late,
-        counters.malformed,
-        counters.crc_errors,
-    )
 }

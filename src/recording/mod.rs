@@ -51,7 +51,7 @@ pub(crate) mod decoding;
 mod disk;
 pub mod export;
 mod fault;
-mod flows;
+pub(crate) mod flows;
 pub(crate) mod inspection;
 mod manifest;
 pub(crate) mod moment;

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::{BlindSpot, FromAbove, Report, unfold_mount_box};
+use crate::design::objective::Terms;
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
 use crate::report::chart::{CellClass, LineChart, Series, number};
 use crate::simulate::baselines::Baselines;
@@ -73,7 +74,7 @@ pub(crate) fn from_above(report: &mut Report, above: &FromAbove, classes: &[Cell
         "Seen from above in layers of height, world x up the page and y to the left; each square shows what holds for \
          most of the surface in it.",
     );
-    report.heading("Blind spots");
+    report.detail("Blind spots");
     let steps = |step: usize| {
         let percent = |step: usize| 100 * step / UNSEEN_STEPS;
         format!("{} to {} % unseen", percent(step), percent(step + 1))
@@ -91,7 +92,7 @@ pub(crate) fn from_above(report: &mut Report, above: &FromAbove, classes: &[Cell
 /// The largest groups of unseen cells.
 pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) {
     if spots.is_empty() {
-        report.paragraph("Nothing that could be seen is missed.");
+        report.note("Nothing that could be seen is missed.");
         return;
     }
     let metres = |values: [f64; 3]| values.map(|value| number(value, 2)).join(", ");
@@ -103,11 +104,36 @@ pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m
             metres(spot.extent_m),
         ]
     };
-    let rows: Vec<_> = spots.iter().map(row).collect();
-    report.table(&["voxels", "about, m2", "centre x, y, z, m", "extent x, y, z, m"], &rows);
+    let header = ["voxels", "about, m²", "centre x, y, z, m", "extent x, y, z, m"];
+    report.table(&header, spots.iter().map(row).collect());
 }
 
-/// The min translation eigenvalue along the trajectory: `[x, eigenvalue]`.
+/// The terms of J and their sum.
+pub(crate) fn terms_table(report: &mut Report, terms: &Terms) {
+    let row = |name: &str, value: f64| vec![name.to_owned(), number(value, 2)];
+    let rows = [
+        row("coverage", terms.coverage),
+        row("overlap", terms.overlap),
+        row("angular", terms.angular),
+        row("cost", terms.cost),
+        row("registration", terms.registration),
+        row("J", terms.objective()),
+    ];
+    report.table(&["term", "value"], rows.to_vec());
+}
+
+/// How well scans can be registered.
+pub(crate) fn registration_figures(report: &mut Report, quality: &RegistrationQuality) {
+    report.figure("strength", quality.words());
+    let [median, p5] = [quality.rotation_median_m2, quality.rotation_p5_m2];
+    report.figure("of rotation", format!("{median:.3} m² (5th percentile {p5:.3} m²)"));
+    if let Some(direction) = quality.weakest_direction {
+        let [x, y, z] = direction.map(|value| number(value, 2));
+        report.figure("weakest direction", format!("({x}, {y}, {z}) in the worst scan"));
+    }
+}
+
+/// Registration strength, and the min translation eigenvalue along the trajectory: `[x, eigenvalue]`.
 pub(crate) fn registration_section(
     report: &mut Report,
     quality: Option<&RegistrationQuality>,
@@ -116,28 +142,10 @@ pub(crate) fn registration_section(
 ) {
     let (Some(quality), Some(first), Some(last)) = (quality, least.first(), least.last()) else { return };
     report.heading("Registration strength");
-    report.table(
-        &["least eigenvalue per hit", "median", "5th percentile"],
-        &[
-            vec![
-                "translation".into(),
-                format!("{:.4}", quality.translation_median),
-                format!("{:.4}", quality.translation_p5),
-            ],
-            vec![
-                "rotation, m2".into(),
-                format!("{:.3}", quality.rotation_median_m2),
-                format!("{:.3}", quality.rotation_p5_m2),
-            ],
-        ],
-    );
+    registration_figures(report, quality);
     let degenerate = vec![[first[0], DEGENERATE], [last[0], DEGENERATE]];
     let chart = LineChart {
-        title: format!(
-            "Least translation eigenvalue per hit of {} scans along the trajectory: median {:.4}, 5th percentile {:.4}, \
-             degenerate below {DEGENERATE}",
-            quality.scans, quality.translation_median, quality.translation_p5
-        ),
+        title: "Least translation eigenvalue per hit along the trajectory".into(),
         x_label: x_label.into(),
         y_label: "least eigenvalue per hit".into(),
         series: vec![
@@ -146,18 +154,8 @@ pub(crate) fn registration_section(
         ],
         ..LineChart::default()
     };
-    let direction = quality.weakest_direction.map_or(String::new(), |[x, y, z]| {
-        let [x, y, z] = [x, y, z].map(|value| number(value, 2));
-        format!(" The weakest direction of the worst scan is ({x}, {y}, {z}).")
-    });
-    report.figure(
-        &chart.svg(),
-        &format!(
-            "Degeneracy index: {:.1} % of {} scans have a direction of translation below {DEGENERATE}.{direction}",
-            100.0 * quality.degenerate_share,
-            quality.scans
-        ),
-    );
+    let caption = format!("A scan with a direction of translation below {DEGENERATE} is degenerate.");
+    report.chart(&chart.svg(), &caption);
 }
 
 /// A table of single sensors, and what one sensor reaches at each pitch, with the mounts' value (`of_mounts`).
@@ -165,7 +163,7 @@ pub(crate) fn baselines_section<T>(
     report: &mut Report,
     baselines: &Baselines<T>,
     header: &[&str],
-    rows: &[Vec<String>],
+    rows: Vec<Vec<String>>,
     y_label: &str,
     of_mounts: Option<f64>,
 ) {
@@ -186,10 +184,9 @@ pub(crate) fn baselines_section<T>(
         series,
         ..LineChart::default()
     };
-    report.figure(
-        &chart.svg(),
-        &format!("One sensor in the middle of the mounts; best at a pitch of {best_deg:.0} degrees."),
-    );
+    let caption =
+        format!("One sensor in the middle of the mounts; best at a pitch of {best_deg:.0} degrees.");
+    report.chart(&chart.svg(), &caption);
 }
 
 /// Classes of cells in the pictures.

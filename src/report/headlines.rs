@@ -1,23 +1,24 @@
 //! The head of a page about a comparison: verdict, three numbers, what to do.
 
-use super::{Headline, Report};
+use super::{Headline, Report, Verdict};
 use crate::report::chart::{decimals_of, number};
 use crate::verify::compare::SurfaceShare;
-use crate::verify::judgement::comparison::{Comparison, Verdict};
+use crate::verify::judgement::comparison::{self, Comparison};
 
 /// A page that opens with what a comparison comes to.
-pub(crate) fn compared(title: &str, comparison: &Comparison, problems: &[String], made_by: &str) -> Report {
+pub(crate) fn compared(title: &str, comparison: &Comparison, problems: &[String]) -> Report {
     let css = match comparison.verdict {
-        Verdict::Matches => "pass",
-        Verdict::Differs => "differs",
-        Verdict::CannotTell => "open",
+        comparison::Verdict::Matches => "pass",
+        comparison::Verdict::Differs => "differs",
+        comparison::Verdict::CannotTell => "open",
     };
     let advice = match (comparison.verdict, problems) {
-        (Verdict::Matches, [_, ..]) => "Something is odd or was lost: read the findings first.",
+        (comparison::Verdict::Matches, [_, ..]) => "Something is odd or was lost: read the findings first.",
         _ => comparison.advice(),
     };
     let sentence = format!("{}. {advice}", comparison.headline());
-    Report::with_verdict(title, (comparison.verdict.label(), css), &headlines(comparison), &sentence, made_by)
+    let verdict = Verdict { label: comparison.verdict.label(), css, headlines: headlines(comparison) };
+    Report { verdict: Some(verdict), ..Report::new(title, &sentence) }
 }
 
 /// Predicted and recorded share of the surface, and how far the worst mount is off.

@@ -1,23 +1,28 @@
-//! One self-contained HTML page and one JSON document per run: no outside request, readable in light and dark.
+//! Results as data, rendered as text for a terminal and as a page; their JSON documents are what serde makes of them.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::report::chart::{CellClass, CellMap, cell_map_svg, escape};
+use crate::report::chart::{CellClass, CellMap};
 
 mod above;
 mod blind_spots;
 pub mod chart;
 pub(crate) mod comparison;
 pub(crate) mod completeness;
+pub(crate) mod decoding;
 pub(crate) mod figures;
 mod headlines;
+mod html;
+pub(crate) mod inspection;
+pub(crate) mod mount;
 pub(crate) mod orbit;
 pub(crate) mod prediction;
+pub(crate) mod readiness;
 pub(crate) mod score;
 pub(crate) mod scene_search;
 pub(crate) mod search;
 pub(crate) mod seen;
+mod text;
 mod unfold;
 pub(crate) mod values;
 pub(crate) mod viewer;
@@ -31,18 +36,29 @@ pub(crate) use unfold::{unfold_box, unfold_mount_box};
 /// Blind spots that a document lists, the largest first.
 pub(crate) const MAX_BLIND_SPOTS: usize = 10;
 
-/// A page, built from top to bottom.
+/// A result as data: a sentence and sections of figures, tables, notes, findings and pictures. Rendered as text for a
+/// terminal ([`Report::text`]) and as a page ([`Report::html`]).
 #[derive(Clone, Debug)]
-pub struct Report {
+pub(crate) struct Report {
     title: String,
-    body: String,
-    /// Command that makes every figure again.
-    made_by: String,
-    has_orbit: bool,
-    is_in_fold: bool,
+    verdict: Option<Verdict>,
+    /// What a reader takes away.
+    summary: String,
+    /// The first has no heading.
+    sections: Vec<Section>,
+}
+
+/// Pass or not, and the figures that stand next to it on a page.
+#[derive(Clone, Debug)]
+struct Verdict {
+    label: &'static str,
+    /// Class of the label's colour.
+    css: &'static str,
+    headlines: [Headline; 3],
 }
 
 /// A number at the head of a page.
+#[derive(Clone, Debug)]
 struct Headline {
     label: String,
     /// With its unit and uncertainty.
@@ -50,188 +66,141 @@ struct Headline {
     note: String,
 }
 
+#[derive(Clone, Debug)]
+struct Section {
+    heading: String,
+    depth: Depth,
+    blocks: Vec<Block>,
+}
+
+/// Who sees a section.
+#[derive(Clone, Debug)]
+enum Depth {
+    Main,
+    /// On a page; on a terminal with --verbose.
+    Detail,
+    /// The same; on a page it is folded behind its heading and this note.
+    Folded(String),
+}
+
+#[derive(Clone, Debug)]
+enum Block {
+    /// Labels and values.
+    Figures(Vec<(String, String)>),
+    Table {
+        header: Vec<String>,
+        rows: Vec<Vec<String>>,
+    },
+    Note(String),
+    /// The gravest first.
+    Findings(Vec<String>),
+    /// Findings of a page; a terminal has them as notices.
+    Notices(Vec<String>),
+    /// HTML without its caption and its end; for pages only.
+    Picture {
+        html: String,
+        caption: String,
+    },
+}
+
 impl Report {
-    /// An empty page; `summary` is the one sentence a reader takes away, `made_by` the command that makes it again.
-    pub(crate) fn new(title: &str, summary: &str, made_by: &str) -> Self {
-        let body = format!("<h1>{}</h1><p class=\"summary\">{}</p>", escape(title), escape(summary));
-        Self {
-            title: title.to_owned(),
-            body,
-            made_by: made_by.to_owned(),
-            has_orbit: false,
-            is_in_fold: false,
-        }
+    pub(crate) fn new(title: &str, summary: &str) -> Self {
+        let opening = Section { heading: String::new(), depth: Depth::Main, blocks: Vec::new() };
+        Self { title: title.into(), verdict: None, summary: summary.into(), sections: vec![opening] }
     }
 
-    /// A page that opens with a verdict: a badge of a class of colour, its numbers, and what to do.
-    fn with_verdict(
-        title: &str,
-        (badge, css): (&str, &str),
-        headlines: &[Headline],
-        advice: &str,
-        made_by: &str,
-    ) -> Self {
-        let mut report = Self::new(title, advice, made_by);
-        let mut body = format!(
-            "<h1>{} <span class=\"badge {css}\">{}</span></h1><dl class=\"headlines\">",
-            escape(title),
-            escape(badge)
-        );
-        for Headline { label, value, note } in headlines {
-            let _ = write!(
-                body,
-                "<div><dt>{}</dt><dd>{}</dd><dd class=\"note\">{}</dd></div>",
-                escape(label),
-                escape(value),
-                escape(note)
-            );
-        }
-        let _ = write!(body, "</dl><p class=\"summary\">{}</p>", escape(advice));
-        report.body = body;
-        report
-    }
-
-    /// A section; ends a fold.
+    /// Begins a section.
     pub(crate) fn heading(&mut self, text: &str) {
-        self.end_fold();
-        let _ = write!(self.body, "<h2>{}</h2>", escape(text));
+        self.begin(text, Depth::Main);
     }
 
-    /// A section that a reader opens: details, or what is as it should be. `note` stands next to the heading.
+    /// Begins a section that a terminal shows with --verbose only.
+    pub(crate) fn detail(&mut self, heading: &str) {
+        self.begin(heading, Depth::Detail);
+    }
+
+    /// Begins a section that a page folds and a terminal shows with --verbose only. `note` stands next to the heading.
     pub(crate) fn fold(&mut self, heading: &str, note: &str) {
-        self.end_fold();
-        let _ = write!(
-            self.body,
-            "<details><summary><h2>{}</h2> <span class=\"note\">{}</span></summary>",
-            escape(heading),
-            escape(note)
-        );
-        self.is_in_fold = true;
+        self.begin(heading, Depth::Folded(note.into()));
     }
 
-    fn end_fold(&mut self) {
-        if std::mem::take(&mut self.is_in_fold) {
-            self.body.push_str("</details>");
+    fn begin(&mut self, heading: &str, depth: Depth) {
+        self.sections.push(Section { heading: heading.into(), depth, blocks: Vec::new() });
+    }
+
+    fn push(&mut self, block: Block) {
+        if let Some(section) = self.sections.last_mut() {
+            section.blocks.push(block);
         }
     }
 
-    /// Findings, the gravest first.
-    pub(crate) fn findings<'a>(&mut self, findings: impl Iterator<Item = &'a str>) {
-        let items: String = findings.map(|finding| format!("<li>{}</li>", escape(finding))).collect();
-        if !items.is_empty() {
-            let _ = write!(self.body, "<ol class=\"findings\">{items}</ol>");
+    /// A label and its value with unit and uncertainty; an empty label continues the figure before it.
+    pub(crate) fn figure(&mut self, label: &str, value: impl Into<String>) {
+        let figure = (label.to_owned(), value.into());
+        let last = self.sections.last_mut().and_then(|section| section.blocks.last_mut());
+        match last {
+            Some(Block::Figures(figures)) => figures.push(figure),
+            _ => self.push(Block::Figures(vec![figure])),
+        }
+    }
+
+    /// The same for several.
+    pub(crate) fn figures<L: AsRef<str>>(&mut self, figures: impl IntoIterator<Item = (L, String)>) {
+        figures.into_iter().for_each(|(label, value)| self.figure(label.as_ref(), value));
+    }
+
+    /// Columns of numbers are set flush right; nothing without rows.
+    pub(crate) fn table(&mut self, header: &[&str], rows: Vec<Vec<String>>) {
+        if !rows.is_empty() {
+            let header = header.iter().map(|cell| (*cell).to_owned()).collect();
+            self.push(Block::Table { header, rows });
+        }
+    }
+
+    pub(crate) fn note(&mut self, text: impl Into<String>) {
+        self.push(Block::Note(text.into()));
+    }
+
+    /// The gravest first.
+    pub(crate) fn findings(&mut self, findings: &[String]) {
+        self.extend(findings, Block::Findings);
+    }
+
+    /// What is odd or was lost, which a terminal has as notices.
+    pub(crate) fn notices(&mut self, notices: &[String]) {
+        self.extend(notices, Block::Notices);
+    }
+
+    fn extend(&mut self, texts: &[String], block: fn(Vec<String>) -> Block) {
+        if !texts.is_empty() {
+            self.push(block(texts.to_vec()));
         }
     }
 
     /// A 3-D picture.
     pub(crate) fn orbit(&mut self, orbit: orbit::Orbit, caption: &str) {
-        self.has_orbit = true;
-        self.body += &orbit.html();
-        self.close_figure(caption);
-    }
-
-    pub(crate) fn paragraph(&mut self, text: &str) {
-        let _ = write!(self.body, "<p>{}</p>", escape(text));
-    }
-
-    /// A table; the first column is text, numbers stand right.
-    pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
-        self.body.push_str("<div class=\"scroll table\"><table><thead><tr>");
-        let classes: Vec<&str> = (0..header.len())
-            .map(|column| if is_of_numbers(rows, column) { "" } else { " class=\"words\"" })
-            .collect();
-        for (cell, class) in header.iter().zip(&classes) {
-            let _ = write!(self.body, "<th{class}>{}</th>", escape(cell));
-        }
-        self.body.push_str("</tr></thead><tbody>");
-        for row in rows {
-            self.body.push_str("<tr>");
-            for (column, cell) in row.iter().enumerate() {
-                let class = classes.get(column).unwrap_or(&"");
-                let _ = write!(self.body, "<td{class}>{}</td>", escape(cell));
-            }
-            self.body.push_str("</tr>");
-        }
-        self.body.push_str("</tbody></table></div>");
+        self.picture(orbit.html(), caption);
     }
 
     /// A chart made by [`crate::report::chart`], with its caption.
-    pub(crate) fn figure(&mut self, svg: &str, caption: &str) {
-        let _ = write!(self.body, "<figure><div class=\"scroll\">{svg}</div>");
-        self.close_figure(caption);
+    pub(crate) fn chart(&mut self, svg: &str, caption: &str) {
+        self.picture(format!("<figure><div class=\"scroll\">{svg}</div>"), caption);
     }
 
     /// Maps side by side, as many as fit the page, with a legend of the classes and a caption.
     pub(crate) fn maps(&mut self, label: &str, maps: &[CellMap], classes: &[CellClass], caption: &str) {
-        self.body.push_str("<figure><div class=\"maps\">");
-        for map in &maps.iter().map(|map| map.coarse(MAX_SQUARES)).collect::<Vec<_>>() {
-            let _ = write!(
-                self.body,
-                "<div style=\"max-width:{}px\"><p>{}</p>{}</div>",
-                map.width_px(),
-                escape(&map.title),
-                cell_map_svg(label, map, classes)
-            );
-        }
-        self.body.push_str("</div><p class=\"legend\">");
-        let used = |place: usize| maps.iter().any(|map| map.cells.contains(&Some(place)));
-        for class in classes.iter().enumerate().filter(|(place, _)| used(*place)).map(|(_, class)| class) {
-            let _ = write!(
-                self.body,
-                "<span><svg width=\"12\" height=\"12\" aria-hidden=\"true\"><rect class=\"{}\" width=\"12\" \
-                 height=\"12\"/></svg> {}</span>",
-                class.css,
-                escape(&class.name)
-            );
-        }
-        if maps.iter().any(|map| map.plan.as_ref().is_some_and(|plan| plan.track_m.len() > 1)) {
-            self.body += TRACK_LEGEND;
-        }
-        self.body.push_str("</p>");
-        self.close_figure(caption);
+        self.picture(html::maps(label, maps, classes), caption);
     }
 
-    fn close_figure(&mut self, caption: &str) {
-        let _ = write!(self.body, "<figcaption>{}</figcaption></figure>", escape(caption));
+    fn picture(&mut self, html: String, caption: &str) {
+        self.push(Block::Picture { html, caption: caption.into() });
     }
 
-    /// The whole page; at its foot version, day and command.
-    pub(crate) fn html(&self) -> String {
-        let fold = if self.is_in_fold { "</details>" } else { "" };
-        let viewer: String = match self.has_orbit {
-            true => {
-                [viewer::CLOUD, viewer::ORBIT].map(|script| format!("<script>{script}</script>")).concat()
-            }
-            false => String::new(),
-        };
-        let time = crate::base::times::rfc3339(crate::live::receive::now_ns());
-        format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <title>{}</title><style>{STYLE}</style></head><body><main>{}{fold}</main>\
-             <footer><p>Outrigger {}, {}. Made by <code id=\"command\">{}</code> \
-             <button type=\"button\" id=\"copy\">Copy</button></p></footer>{viewer}<script>{SCRIPT}</script></body></html>\n",
-            escape(&self.title),
-            self.body,
-            env!("CARGO_PKG_VERSION"),
-            time.get(..10).unwrap_or_default(),
-            escape(&self.made_by)
-        )
-    }
-
-    /// Writes the page; it appears under its name only when whole.
-    pub(crate) fn write(&self, path: &Path) -> std::io::Result<()> {
-        crate::base::files::write_whole(path, self.html().as_bytes())
+    /// Writes the page; it appears under its name only when whole. `made_by` is the command that makes it again.
+    pub(crate) fn write(&self, path: &Path, made_by: &str) -> std::io::Result<()> {
+        crate::base::files::write_whole(path, self.html(made_by).as_bytes())
     }
 }
-
-/// Squares along the longer side of a map; more cannot be distinguished.
-const MAX_SQUARES: usize = 220;
-
-const TRACK_LEGEND: &str = "<span><svg width=\"18\" height=\"12\" aria-hidden=\"true\"><path class=\"track\" \
-     d=\"M0 6H18\"/></svg> trajectory; the dots are the sensors where it begins</span>";
-const STYLE: &str = include_str!("report.css");
-const SCRIPT: &str = include_str!("report.js");
 
 /// Longest cell that is still a number with its range and unit.
 const LONGEST_NUMBER: usize = 32;

@@ -1,8 +1,10 @@
-//! What a rig of given beams sees, by every one of them: the JSON document and its summary.
+//! What a rig of given beams sees, by every one of them: the JSON document and the report of it.
 
 use serde::Serialize;
 
-use super::completeness::SurfaceDocument;
+use super::Report;
+use super::chart::number;
+use super::completeness::{Pictures, SurfaceDocument};
 use super::prediction::GridDocument;
 use crate::design::objective::Terms;
 use crate::rig::{Conflicts, Rig};
@@ -112,34 +114,54 @@ impl Document {
             wall_s: scored.wall_s,
         }
     }
+}
 
-    /// The result in words.
-    pub(crate) fn summary(&self) -> String {
+/// What the rig sees; with pictures of the surface, for a page.
+pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Report {
+    let mut report = Report::new("What ideal sensors see", &document.sentence());
+    report.notices(&document.warnings);
+    report.figure("trajectory", format!("{:.2} m", document.trajectory_length_m));
+    let rays = number(document.rays as f64, 0);
+    report.figure("cast", format!("{rays} rays of ideal sensors in {:.2} s", document.wall_s));
+    report.figures(document.quality.map(|quality| ("counted", quality.words(true))));
+    let overlap = 100.0 * document.overlap_ratio;
+    report.figure("overlap", format!("{overlap:.2} % of the voxels seen are seen by two sensors or more"));
+    report.figure("score", format!("J {}", number(document.objective, 1)));
+    report.figures(document.conflicts.figures());
+    let spots = pictures.map(|pictures| pictures.orbit_view(&mut report));
+    report.heading("The sensors");
+    let row = |sensor: &SensorDocument| {
+        let counts = [sensor.columns as u64, sensor.scans, sensor.voxels, sensor.unique_voxels];
+        let named = [sensor.name.clone(), sensor.model.clone()];
+        named.into_iter().chain(counts.map(|count| number(count as f64, 0))).collect()
+    };
+    let rows = document.sensors.iter().map(row).collect();
+    report.table(&["sensor", "model", "columns", "scans", "voxels", "alone"], rows);
+    if let Some(surface) = &document.surface {
+        surface.append_to(&mut report);
+    }
+    for (pictures, spots) in pictures.iter().zip(spots) {
+        pictures.plans(&mut report, &spots);
+    }
+    report
+}
+
+impl Document {
+    fn sentence(&self) -> String {
         let share = 100.0 * self.unique_voxels as f64 / self.reachable_voxels.max(1) as f64;
-        let mut text = format!(
-            "{:.2} m travelled, {} rays of ideal sensors\n\
-             voxels seen    {} of {} of {} m that can be seen ({share:.1} %), {:.2} % of them by two sensors or more\n\
-             score          J {:.1}\n\
-             sensor                 model      columns   scans   voxels    alone\n",
-            self.trajectory_length_m,
-            self.rays,
-            self.unique_voxels,
-            self.reachable_voxels,
+        let surface = self.surface.as_ref().map_or(String::new(), |surface| {
+            let gain = surface.baselines.as_ref().map_or(String::new(), |baselines| {
+                let points = baselines.best_single.seen.gain_points["0.05"];
+                format!(", {points:.2} points more than the best single sensor")
+            });
+            format!(" and cover {:.2} % of the surface within 5 cm{gain}", 100.0 * surface.shares.main())
+        });
+        format!(
+            "{} sensors see {} of {} voxels of {} m that can be seen ({share:.1} %){surface}.",
+            self.sensors.len(),
+            number(self.unique_voxels as f64, 0),
+            number(self.reachable_voxels as f64, 0),
             self.grid.voxel_m,
-            100.0 * self.overlap_ratio,
-            self.objective,
-        );
-        text += &self
-            .quality
-            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(true)));
-        for sensor in &self.sensors {
-            text += &format!(
-                "{:22} {:10}{:8}{:8}{:9}{:9}\n",
-                sensor.name, sensor.model, sensor.columns, sensor.scans, sensor.voxels, sensor.unique_voxels
-            );
-        }
-        text += &self.surface.as_ref().map_or(String::new(), SurfaceDocument::lines);
-        text += &self.conflicts.lines();
-        text + &format!("{:.2} s\n", self.wall_s)
+        )
     }
 }

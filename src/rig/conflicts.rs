@@ -19,14 +19,14 @@ impl Rig {
 }
 
 impl Conflicts {
-    /// A line per pair of sensors.
-    pub(crate) fn lines(&self) -> String {
+    /// Each pair of sensors in words, with a label.
+    pub(crate) fn figures(&self) -> impl Iterator<Item = (&'static str, String)> {
         let near = self.violations.iter().map(|pair| {
             format!(
-                "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
+                "{} and {} are {:.4} m apart, needed are {:.4} m",
                 pair.first, pair.second, pair.distance_m, pair.needed_m
             )
         });
-        near.chain(self.touching.iter().map(|pair| format!("cannot be built: {pair}\n"))).collect()
+        near.chain(self.touching.iter().map(ToString::to_string)).map(|words| ("cannot be built", words))
     }
 }

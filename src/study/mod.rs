@@ -19,11 +19,10 @@ mod speed_accuracy;
 mod spread;
 mod stability;
 pub mod submit;
-mod terminal;
 mod walks;
 
 pub use page::csv;
-pub(crate) use page::findings_page;
+pub(crate) use page::findings_report;
 pub use rows::{Row, number, text};
 pub use spread::Spread;
 

@@ -1,10 +1,10 @@
-//! Findings as a page, rows and tables as CSV.
+//! Findings as a report, rows and tables as CSV.
 
 use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::{Figure, Findings, Row, Study};
+use super::{Claim, Figure, Findings, Row};
 use crate::report::Report;
 
 /// Rows as CSV (RFC 4180): every field that any row has, in alphabetical order; lists as JSON.
@@ -33,31 +33,30 @@ pub(super) fn line(cells: impl Iterator<Item = String>) -> String {
     quoted.collect::<Vec<_>>().join(",") + "\r\n"
 }
 
-/// The page of a study.
-pub(crate) fn findings_page(study: &dyn Study, findings: &Findings, command: &str) -> Report {
-    let mut page = Report::new(&format!("Study: {}", study.name()), &findings.summary, command);
-    page.paragraph(study.about());
-    page.paragraph(&format!("Made by {command}"));
+/// What a study found.
+pub(crate) fn findings_report(name: &str, about: &str, findings: &Findings) -> Report {
+    let mut report = Report::new(&format!("Study: {name}"), &findings.summary);
+    report.detail("");
+    report.note(about);
     if !findings.claims.is_empty() {
-        page.heading("Claims");
-        let rows: Vec<Vec<String>> = findings
-            .claims
-            .iter()
-            .map(|claim| vec![claim.claim.clone(), claim.verdict.words().into(), claim.because.clone()])
-            .collect();
-        page.table(&["claim", "verdict", "because"], &rows);
+        report.heading("Claims");
+        let row =
+            |claim: &Claim| vec![claim.claim.clone(), claim.verdict.words().into(), claim.because.clone()];
+        report.table(&["claim", "verdict", "because"], findings.claims.iter().map(row).collect());
     }
+    report.heading("");
     for Figure { svg, caption } in &findings.figures {
-        page.figure(svg, caption);
+        report.chart(svg, caption);
     }
     for table in &findings.tables {
-        page.heading(&table.title);
+        report.heading(&table.title);
         if !table.note.is_empty() {
-            page.paragraph(&table.note);
+            report.note(&table.note);
         }
-        page.table(&table.columns.iter().map(String::as_str).collect::<Vec<_>>(), &table.rows);
+        let columns: Vec<&str> = table.columns.iter().map(String::as_str).collect();
+        report.table(&columns, table.rows.clone());
     }
-    page
+    report
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::page::line;
 use super::rows::FAILED;
 use super::saved_rows::{SavedRows, sha256_of};
-use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
+use super::{Findings, Row, Size, Study, StudyError, csv, findings_report, named};
 use crate::base::files;
 use crate::base::questions::first_difference;
 
@@ -329,7 +329,7 @@ impl Plan {
         let document = json!({ "study": self.study, "size": self.size, "tasks": self.tasks.len(), "findings": findings });
         let path = folder.join("findings.json");
         files::write_json(&path, &document).map_err(|error| StudyError::at(&path, error))?;
-        write("report.html", &findings_page(study, &findings, &self.command()).html())?;
+        write("report.html", &findings_report(study.name(), study.about(), &findings).html(&self.command()))?;
         Ok(findings)
     }
 

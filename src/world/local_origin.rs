@@ -46,13 +46,11 @@ impl LocalOrigin {
         if self.0 == DVec3::ZERO { world } else { world.moved(-self.0) }
     }
 
-    /// One line of a summary; empty where nothing is moved.
-    pub(crate) fn line(self) -> String {
-        if self.0 == DVec3::ZERO {
-            return String::new();
-        }
+    /// In words; none where nothing is moved.
+    pub(crate) fn words(self) -> Option<String> {
         let [x, y, z] = self.0.to_array();
-        format!("local origin   ({x:.0}, {y:.0}, {z:.0}) m: computed around it, moved back in every output\n")
+        let words = format!("({x:.0}, {y:.0}, {z:.0}) m: computed around it, moved back in every output");
+        (self.0 != DVec3::ZERO).then_some(words)
     }
 }
 

@@ -1,11 +1,9 @@
 //! What `boresight` prints.
 
-use std::fmt::Write as _;
-
 use serde::Serialize;
 
 use crate::base::numbers::signed;
-use crate::report::values;
+use crate::report::{Report, values};
 use crate::verify::calibrate::RelativeMount;
 
 /// A tilt is called off beyond so many standard deviations and degrees.
@@ -53,27 +51,32 @@ pub(super) fn words(found: &RelativeMount) -> String {
     }
 }
 
-pub(super) fn text(document: &Document) -> String {
-    let mut text = String::new();
+pub(super) fn report(document: &Document) -> Report {
+    let mut report = Report::new("How the sensors sit to each other", "");
     for (words, found) in document.words.iter().zip(&document.relative) {
-        let _ = writeln!(text, "{words}");
+        report.heading("");
+        report.note(words);
         if found.windows == 0 {
             continue;
         }
-        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| values::estimate(found.rotation_deg[axis], 3));
-        let [x, y, z] = [0, 1, 2].map(|axis| values::estimate(found.translation_mm[axis], 1));
-        let _ = writeln!(text, "  turn        roll {roll}, pitch {tilt}, yaw {yaw} deg");
-        let _ = writeln!(text, "  shift       x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range       {} mm", values::estimate(found.range_offset_mm, 1));
-        let _ = writeln!(
-            text,
-            "  observable  {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
-            if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
-            found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
-            found.pairs,
-            found.windows,
-            found.residual_sd_mm
+        let [roll, pitch, yaw] = found.rotation_deg.map(|turn| values::estimate(turn, 3));
+        report.figure("turn", format!("roll {roll}, pitch {pitch}, yaw {yaw} deg"));
+        let [x, y, z] = found.translation_mm.map(|shift| values::estimate(shift, 1));
+        report.figure("shift", format!("x {x}, y {y}, z {z} mm"));
+        report.figure("range", format!("{} mm", values::estimate(found.range_offset_mm, 1)));
+        let observable = match found.observable.join(" ") {
+            none if none.is_empty() => "nothing".into(),
+            observable => observable,
+        };
+        let condition = found.condition_number.map_or("-".into(), |number| format!("{number:.0}"));
+        report.figure("observable", format!("{observable}; condition number {condition}"));
+        report.figure(
+            "from",
+            format!(
+                "{} points in {} windows, {:.1} mm from the planes",
+                found.pairs, found.windows, found.residual_sd_mm
+            ),
         );
     }
-    text
+    report
 }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::recording::mounted::{AxisSummary, MountedRecording, PassSummary, SensorSummary};
+use crate::report::{Report, comparison};
 use crate::verify::align::Alignment;
 use crate::verify::compare::TimeOffset;
 use crate::verify::judgement::comparison::{Comparison, Reason, Verdict};
@@ -56,9 +57,9 @@ impl Document {
         }
     }
 
-    /// The zeros of servo axes, in words.
-    pub(crate) fn zeros(&self) -> Vec<String> {
-        self.servo_zero.iter().map(ZeroOffer::words).collect()
+    pub(super) fn report(&self, pictures: Option<&comparison::Pictures<'_>>) -> Report {
+        let zeros: Vec<String> = self.servo_zero.iter().map(ZeroOffer::words).collect();
+        comparison::report(&self.comparison, &self.problems, &zeros, pictures)
     }
 }
 

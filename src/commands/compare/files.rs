@@ -8,14 +8,10 @@ use super::Args;
 use super::document::{Document, Unplaced};
 use crate::base::files::write_json;
 use crate::commands::{Context, Outcome, output};
-use crate::report::comparison;
+use crate::report::Report;
 use crate::rig::MountFile;
 use crate::verify::align::Alignment;
-use crate::verify::compare::Replayed;
 use crate::verify::judgement::comparison::{Reason, Verdict};
-use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::Scene;
-use crate::world::trajectory::Trajectory;
 
 /// Where no place of the trajectory in the scene is sure, nothing is compared.
 pub(super) fn unplaced(
@@ -39,18 +35,16 @@ pub(super) fn unplaced(
         let json = out.join("report.json");
         write_json(&json, &document).with_context(|| format!("cannot write {}", json.display()))?;
     }
-    let text = || format!("{} {}\n", Verdict::CannotTell.label(), document.words[0]);
-    output::print_result(context.json, &document, text, &document.problems)?;
+    let sentence = format!("{}: {}", Verdict::CannotTell.label(), document.words[0]);
+    let report = Report::new("Predicted against recorded", &sentence);
+    output::print_result(context.json, &document, &report, &document.problems)?;
     Ok(Outcome::DataLost)
 }
 
 /// The files; false where one that was asked for has nothing to say.
 pub(super) fn write(
     args: &Args,
-    document: &Document,
-    replayed: &Replayed,
-    (scene, origin): (&Scene, LocalOrigin),
-    trajectory: &Trajectory,
+    (document, report): (&Document, &Report),
     mut file: MountFile,
 ) -> anyhow::Result<bool> {
     if let Some(out) = &args.out {
@@ -59,16 +53,7 @@ pub(super) fn write(
         let json = out.join("report.json");
         write_json(&json, document).with_context(|| cannot(&json))?;
         let html = out.join("report.html");
-        let page = comparison::page(
-            &document.comparison,
-            (&document.problems, &document.zeros()),
-            replayed,
-            scene,
-            trajectory,
-            (args.gate, origin),
-            &output::again(),
-        );
-        page.write(&html).with_context(|| cannot(&html))?;
+        output::write_page(Some(&html), report)?;
     }
     if let Some(path) = &args.corrected_mount {
         let found_offset = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
@@ -94,20 +79,14 @@ pub(super) fn write(
 pub(super) fn conclude(
     args: &Args,
     context: Context,
-    document: &Document,
+    (document, report): (&Document, &Report),
     whole: bool,
 ) -> anyhow::Result<Outcome> {
-    if context.json {
-        output::print_json(document)?;
-    } else {
-        output::print_text(&comparison::text(&document.comparison, &document.zeros()))?;
-        if let Some(out) = &args.out {
-            output::print_text(&format!("{}\n", out.join("report.html").display()))?;
-        }
+    output::print_result(context.json, document, report, &[])?;
+    if let Some(out) = args.out.as_ref().filter(|_| !context.json) {
+        output::print_text(&format!("{}\n", out.join("report.html").display()))?;
     }
-    for problem in &document.problems {
-        output::say_notice(problem);
-    }
+    document.problems.iter().for_each(|problem| output::say_notice(problem));
     let matches = document.comparison.verdict == Verdict::Matches;
     Ok(if matches && whole { Outcome::Done } else { Outcome::DataLost })
 }

@@ -15,6 +15,7 @@ use super::{Context, Outcome, output};
 use crate::base::files::check_folder;
 use crate::recording::mounted::{MountedRecording, data_gaps};
 use crate::recording::read_trajectory;
+use crate::report::comparison;
 use crate::verify::compare::{Gate, Healthy, Replaying, cover_planned, grid_over, seen_patches};
 use crate::verify::judgement::judge::{Inputs, judge};
 use crate::verify::walk::WalkSite;
@@ -113,9 +114,18 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     );
     drop(stage);
     let document = Document::new(&recorded, &place, &pass, comparison, start.elapsed().as_secs_f64());
-    let written = write(args, &document, &replayed, (scene, place.origin), trajectory, recorded.mount);
+    let pictures = comparison::Pictures {
+        replayed: &replayed,
+        scene,
+        trajectory,
+        agree_within_m: args.gate,
+        origin: place.origin,
+    };
+    let report = document.report(args.out.as_ref().map(|_| &pictures));
+    let written = write(args, (&document, &report), recorded.mount);
     // a disk that is full by now takes the files, not what was found
-    let outcome = conclude(args, context, &document, pass.losses.is_empty() && !place.is_misplaced)?;
+    let outcome =
+        conclude(args, context, (&document, &report), pass.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
 }
 

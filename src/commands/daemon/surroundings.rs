@@ -38,8 +38,8 @@ pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> a
         site.trajectory = Some(origin.local_trajectory(trajectory));
     }
     site.origin = origin.unwrap_or_default();
-    if !site.origin.line().is_empty() {
-        tracing::info!("{}; what the daemon shows is around it", site.origin.line().trim_end());
+    if let Some(words) = site.origin.words() {
+        tracing::info!("local origin {words}; what the daemon shows is around it");
     }
     site.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
     let words =

@@ -103,12 +103,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: Default::default(),
     };
-    let page = demo::page(&document, &replayed.replayed, &scene, &trajectory);
+    let report = demo::report(&document, &replayed.replayed, &scene, &trajectory);
     let (html, json) = (args.out.join(REPORT_HTML), args.out.join(REPORT_JSON));
-    page.write(&html).with_context(|| format!("cannot write {}", html.display()))?;
+    report.write(&html, &document.command).with_context(|| format!("cannot write {}", html.display()))?;
     document.wall_s = progress.finish();
     write_json(&json, &document).with_context(|| format!("cannot write {}", json.display()))?;
-    conclude::conclude(&args.out, context, &document)
+    conclude::conclude(&args.out, context, (&document, &report))
 }
 
 fn again(args: &Args) -> String {

@@ -1,11 +1,10 @@
 //! What `odometry` prints.
 
-use std::fmt::Write as _;
-
 use serde::Serialize;
 
 use crate::base::numbers::counted;
 use crate::design::registration::RegistrationQuality;
+use crate::report::{Report, figures};
 use crate::verify::align::Alignment;
 use crate::verify::odometry::Step;
 
@@ -31,20 +30,21 @@ pub(super) struct Document {
     pub(super) wall_s: f64,
 }
 
-pub(super) fn text(document: &Document) -> String {
-    let mut text = format!(
-        "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m\n",
+pub(super) fn report(document: &Document) -> Report {
+    let sentence = format!(
+        "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m",
         counted(document.sweeps as u64, "revolution"),
         document.sensors.join(", "),
         document.duration_s,
         document.length_m,
         document.voxel_m
     );
+    let mut report = Report::new("Odometry", &sentence);
     if let Some(quality) = &document.registration {
-        text.push_str(&quality.line());
+        report.heading("Registration strength");
+        figures::registration_figures(&mut report, quality);
     }
-    for file in &document.files {
-        let _ = writeln!(text, "{file}");
-    }
-    text
+    report.heading("");
+    document.files.iter().for_each(|file| report.note(file));
+    report
 }

@@ -24,7 +24,9 @@ use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::design::optimize::state_file::{self, StateError};
 use crate::design::optimize::{MountProblem, Refiner, Search, SearchRun};
-use crate::rig::Roll;
+use crate::report::Report;
+use crate::report::search::{self, Document, Pictures};
+use crate::rig::{MountDeg, MountFile, Roll};
 use final_look::{judged, proved};
 use published_document::{Ended, document, write};
 
@@ -69,7 +71,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Some(best) = search.best() else { bail!("stopped before the first evaluation: no mount was scored") };
     let proved = proved(args, &problem, best, &stop)?;
     let (refined, judged) = judged(args, &given, &problem, &search, (refiner, is_judged), &stop)?;
-    report(args, context, &problem, Ended { search: &search, best, run, proved, refined, judged })
+    conclude(args, context, &problem, Ended { search: &search, best, run, proved, refined, judged })
 }
 
 fn resumed(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
@@ -79,7 +81,23 @@ fn resumed(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
     })
 }
 
-fn report(
+/// The report, with pictures where a page is asked for.
+fn pictured(
+    args: &Args,
+    problem: &MountProblem,
+    masters: &[MountDeg],
+    (document, file): (&Document, &MountFile),
+) -> anyhow::Result<Report> {
+    if args.report.is_none() {
+        return Ok(search::report(document, file, None));
+    }
+    let objective = problem.objective();
+    let coverage = &objective.simulator().see(&objective.sensors(masters))?.coverage;
+    let rig = &file.rig()?;
+    Ok(search::report(document, file, Some(&Pictures { objective, rig, coverage })))
+}
+
+fn conclude(
     args: &Args,
     context: Context,
     problem: &MountProblem,
@@ -99,9 +117,10 @@ fn report(
     let masters = problem.masters(chosen.unwrap_or(&best.candidate.values));
     let document = document(args, problem, &masters, ended)?;
     let file = problem.mount_file(&masters, document.best.evaluation.objective);
-    let written = write(args, problem, &file, &masters, &document);
+    let report = pictured(args, problem, &masters, (&document, &file))?;
+    let written = write(args, problem, &file, (&document, &report));
     // a disk that is full by now takes the files, not what was found
-    output::print_result(context.json, &document, || document.summary(), &[])?;
+    output::print_result(context.json, &document, &report, &[])?;
     written?;
     if !document.best.evaluation.feasible {
         output::say_notice(

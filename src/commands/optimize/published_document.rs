@@ -4,8 +4,10 @@ use anyhow::Context as _;
 
 use super::args::Args;
 use crate::base::files;
+use crate::commands::output;
 use crate::design::optimize::{JudgedShortlist, MountProblem, Refinement, RunEnd, Search, Trial};
-use crate::report::search::{Best, Document, Proved, page};
+use crate::report::Report;
+use crate::report::search::{Best, Document, Proved};
 use crate::rig::{MountDeg, MountFile};
 
 /// What is known of the best mount when the search has ended.
@@ -66,20 +68,13 @@ pub(super) fn write(
     args: &Args,
     problem: &MountProblem,
     file: &MountFile,
-    masters: &[MountDeg],
-    document: &Document,
+    (document, report): (&Document, &Report),
 ) -> anyhow::Result<()> {
     if let Some(path) = &args.csv {
         let csv = document.csv(file);
         files::write_whole(path, csv.as_bytes()).with_context(|| path.display().to_string())?;
     }
-    if let Some(path) = &args.report {
-        let objective = problem.objective();
-        let seen = objective.simulator().see(&objective.sensors(masters))?;
-        let rig = file.rig()?;
-        let page = page(document, file, &seen.coverage, (objective, &rig));
-        page.write(path).with_context(|| path.display().to_string())?;
-    }
+    output::write_page(args.report.as_deref(), report)?;
     if let Some(path) = &args.out {
         file.write(path)?;
     }

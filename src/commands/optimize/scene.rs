@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context as _, bail};
 
 use super::args::Args;
-use super::scene_document::{write, write_page};
+use super::scene_document::write;
 use super::scene_rigs::{fineness, largest, present, rig_space, sampling};
 use super::scene_runs::{Run, asked, compared};
 use super::site::sites;
@@ -14,7 +14,7 @@ use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
 use crate::design::scene_search::Views;
-use crate::report::scene_search::Document;
+use crate::report::scene_search::{Document, Pictures, report};
 
 /// What only a search in a published experiment knows.
 const OF_AN_EXPERIMENT: [&str; 15] = [
@@ -126,9 +126,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut document = Document::new(&asked, cast, &search, &end, answer, &sources);
     document.wall_s = start.elapsed().as_secs_f64();
     (document.by_count, document.warnings) = (by_count, warnings);
+    let pictures = Pictures { rig: &winner.rig, cast, sources: &sources };
+    let report = report(&document, args.report.as_ref().map(|_| &pictures));
     let written = write(args, &rigs, &document, &winner.values)
-        .and_then(|()| write_page(args, cast, &document, &winner.rig, &sources));
-    output::print_result(context.json, &document, || document.summary(), &[])?;
+        .and_then(|()| output::write_page(args.report.as_deref(), &report));
+    output::print_result(context.json, &document, &report, &[])?;
     written?;
     Ok(Outcome::Done)
 }

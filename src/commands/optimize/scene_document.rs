@@ -1,14 +1,12 @@
-//! What `optimize --scene` prints and writes.
+//! What `optimize --scene` writes.
 
 use anyhow::Context as _;
 
 use super::args::Args;
 use crate::base::files;
-use crate::commands::output;
 use crate::design::scene_search::RigSpace;
-use crate::report::scene_search::{Document, SiteSource, masters, page};
-use crate::rig::{MountFile, Rig};
-use crate::simulate::view::CastSites;
+use crate::report::scene_search::{Document, masters};
+use crate::rig::MountFile;
 
 pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> anyhow::Result<()> {
     if let Some(path) = &args.csv {
@@ -21,18 +19,4 @@ pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &
     file.objective = Some(document.best.judged.objective);
     file.write(path)?;
     Ok(())
-}
-
-/// The page of `--report`.
-pub(super) fn write_page(
-    args: &Args,
-    cast: &CastSites,
-    document: &Document,
-    best: &Rig,
-    sources: &[SiteSource],
-) -> anyhow::Result<()> {
-    let Some(path) = &args.report else { return Ok(()) };
-    page(document, best, cast, sources, &output::again())
-        .write(path)
-        .with_context(|| path.display().to_string())
 }

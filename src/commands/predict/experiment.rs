@@ -11,7 +11,7 @@ use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
 use crate::design::objective::{Objective, other_score};
-use crate::report::score::{Document, page};
+use crate::report::score::{Document, report};
 use crate::rig::{Masters, MountFile};
 use crate::rig::{MountDeg, Roll};
 
@@ -55,11 +55,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         document.fidelity =
             Some(MountFidelity::measure(&objective, &sensors, args.scoring.tolerance / 100.0)?);
     }
-    output::print_result(context.json, &document, || document.summary(), &[])?;
-    if let Some(path) = &args.report {
-        let page = page(&document, &seen.coverage, &output::again());
-        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
-    }
+    let report = report(&document, args.report.as_ref().map(|_| &seen.coverage));
+    output::print_result(context.json, &document, &report, &[])?;
+    output::write_page(args.report.as_deref(), &report)?;
     let found = document.evaluation.objective;
     if let Some(stated) = stated.filter(|stated| (stated - found).abs() > 0.005) {
         output::say_notice(&format!("the mount file says J {stated:.2}, {reason}"));

@@ -3,19 +3,20 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::Context as _;
+
 use super::Args;
-use super::ideal_document::{surface_document, write};
 use super::ideal_sensors::{ensure_a_revolution, sensors, spins};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
-use crate::report::completeness::Times;
-use crate::report::seen::{Document, Scored};
+use crate::report::completeness::{Pictures, SurfaceDocument, Times};
+use crate::report::seen::{Document, Scored, report};
 use crate::rig::{Rig, Unit};
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
 use crate::world::placement::Placement;
-use crate::world::surface::ObservableSurface;
+use crate::world::surface::{MAIN_RANK, ObservableSurface, write_flags};
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -78,10 +79,14 @@ pub fn run(
     if args.baselines {
         stage.next("casting single sensors to compare with");
     }
-    let times = Times { prepare_s, observable_s, baselines_s: 0.0 };
     let of_surface = surface.as_ref().zip(covered).zip(loaded.mesh);
     let (surface_document, flags) = of_surface
-        .map(|((surface, covered), mesh)| surface_document(args, &sensors, mesh, surface, covered, times))
+        .map(|((surface, (covered, flags)), mesh)| {
+            let start = Instant::now();
+            let baselines = args.baselines.then(|| sensors.baselines(surface, &covered));
+            let times = Times { prepare_s, observable_s, baselines_s: start.elapsed().as_secs_f64() };
+            (SurfaceDocument::new(&sensors, mesh, surface, covered, baselines, times), flags)
+        })
         .unzip();
     drop(stage);
     placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
@@ -99,8 +104,15 @@ pub fn run(
         surface: surface_document,
     };
     let document = Document::new(rig, &coverage, &counts, &spins(&view, rig), scored);
-    output::print_result(context.json, &document, || document.summary(), &[])?;
-    write(args, &document, flags.as_ref(), &sensors, surface.as_ref(), loaded.origin)?;
+    let pictured = args.report.as_ref().and(surface.as_ref());
+    let pictures = pictured.map(|surface| Pictures::new(&sensors, surface, loaded.origin));
+    let report = report(&document, pictures.as_ref());
+    output::print_result(context.json, &document, &report, &[])?;
+    if let (Some(path), Some(flags)) = (&args.ideal.covered_out, flags) {
+        let written = write_flags(path, &flags.covered(MAIN_RANK));
+        written.with_context(|| path.display().to_string())?;
+    }
+    output::write_page(args.report.as_deref(), &report)?;
     Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }
 

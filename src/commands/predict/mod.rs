@@ -2,7 +2,6 @@
 
 mod experiment;
 mod ideal;
-mod ideal_document;
 mod ideal_sensors;
 mod scene;
 mod scene_rig;

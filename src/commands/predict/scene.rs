@@ -9,11 +9,9 @@ use super::{Args, ideal};
 use crate::commands::experiment_args::FidelityArg;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, scene_file};
-use crate::report::prediction::{Document, page};
+use crate::report::prediction::{Document, Pictures, report};
 use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
 use crate::simulate::scan::Scanner;
-use crate::world::coverage::Coverage;
-use crate::world::local_origin::LocalOrigin;
 use crate::world::surface::ObservableSurface;
 
 /// Edge of a voxel where none is given, m.
@@ -75,29 +73,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     drop(stage);
     doubts.iter().for_each(|doubt| output::say_notice(doubt));
     document.warnings.extend(doubts);
-    output::print_result(context.json, &document, || document.summary(), &[])?;
-    write(args, &document, &scanner, (&prediction.coverage, &observable), origin)?;
-    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
-}
-
-/// The files that were asked for.
-fn write(
-    args: &Args,
-    document: &Document,
-    scanner: &Scanner<'_>,
-    (coverage, observable): (&Coverage, &[usize]),
-    origin: LocalOrigin,
-) -> anyhow::Result<()> {
+    let coverage = &prediction.coverage;
+    let pictures = Pictures { scanner: &scanner, coverage, observable: &observable, origin };
+    let report = report(&document, args.report.as_ref().map(|_| &pictures));
+    output::print_result(context.json, &document, &report, &[])?;
     if let Some(path) = &args.out {
-        let names: Vec<_> = scanner.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
         let bytes = coverage.ply(&names, origin);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
-    if let Some(path) = &args.report {
-        let page = page(document, scanner, coverage, observable, origin, &output::again());
-        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
-    }
-    Ok(())
+    output::write_page(args.report.as_deref(), &report)?;
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }
 
 fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {

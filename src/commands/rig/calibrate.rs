@@ -1,6 +1,5 @@
 //! `outrigger rig calibrate`: what each servo really does, from a recording of a rig that does not move.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
@@ -10,7 +9,7 @@ use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, stage};
 use crate::recording::mounted::{MountedFrame, MountedRecording, MountedSpec};
 use crate::recording::{FramePitch, RecordingSpec, Session};
-use crate::report::values;
+use crate::report::{Report, values};
 use crate::verify::calibrate::{FoundSetting, Hold, Reached, Setting, StandTest, holds, stand_test};
 
 /// The document that it prints.
@@ -81,35 +80,28 @@ pub(super) fn run(session: &Path, mount: Option<&Path>, context: Context) -> any
         problems,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    output::print_result(context.json, &document, || text(&document), &document.problems)?;
+    output::print_result(context.json, &document, &report(&document), &document.problems)?;
     Ok(if document.verdict == "as_measured" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 
-fn text(document: &Document) -> String {
-    let mut text = String::new();
+fn report(document: &Document) -> Report {
+    let mut report = Report::new("Settings of a servo in a still scene", "");
     for (words, test) in document.words.iter().zip(&document.sensors) {
-        let _ = writeln!(text, "{words}");
-        for found in &test.settings {
-            let _ = writeln!(
-                text,
-                "  {:+8.3} deg {:<10}  {}",
-                found.measured_deg,
-                reached(found),
-                difference(found)
-            );
-        }
-        let _ = writeln!(text, "  scale     1 {}", values::estimate(test.scale_error, 4));
-        let _ = writeln!(text, "  play      {} deg", values::estimate(test.play_deg, 3));
-        if let (Some([x, y, z]), Some(off_deg), Some(sd_deg)) =
-            (test.axis, test.axis_off_deg, test.axis_sd_deg)
-        {
-            let _ = writeln!(
-                text,
-                "  axis      ({x:.4}, {y:.4}, {z:.4}) in the sensor, {off_deg:.3} deg off its y, sd {sd_deg:.3}"
-            );
-        }
+        report.heading("");
+        report.note(words);
+        let row = |found: &FoundSetting| {
+            vec![format!("{:+.3}", found.measured_deg), reached(found).to_owned(), difference(found)]
+        };
+        report.table(&["measured, deg", "reached", "seen"], test.settings.iter().map(row).collect());
+        report.figure("scale", format!("1 {}", values::estimate(test.scale_error, 4)));
+        report.figure("play", format!("{} deg", values::estimate(test.play_deg, 3)));
+        let axis = test.axis.zip(test.axis_off_deg).zip(test.axis_sd_deg);
+        report.figures(axis.map(|(([x, y, z], off_deg), sd_deg)| {
+            let off = format!("{off_deg:.3} deg off its y, sd {sd_deg:.3}");
+            ("axis", format!("({x:.4}, {y:.4}, {z:.4}) in the sensor, {off}"))
+        }));
     }
-    text
+    report
 }
 
 fn reached(found: &FoundSetting) -> &'static str {

@@ -1,12 +1,13 @@
-//! The rig's state and a dry run, as text and JSON.
+//! The rig's state and a dry run.
 
 use std::path::Path;
 
 use anyhow::bail;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::commands::{Context, output};
 use crate::drive::{Applied, Rig, RigError, RigStatus};
+use crate::report::Report;
 
 pub(super) fn nothing_latched(status: &RigStatus) -> anyhow::Result<()> {
     let latched = status.axes.iter().filter(|axis| !axis.faults.is_empty());
@@ -35,83 +36,82 @@ pub(super) fn try_out(rig: &Rig, pitches_rad: &[f64], homes: bool, context: Cont
             json!({ "axis": axis.axis, "from_deg": axis.position_deg, "to_deg": to_rad.to_degrees(), "homed": axis.homed })
         })
         .collect();
-    if context.json {
-        return output::print_json(
-            &json!({ "dry_run": true, "moves": moves, "homing_moves": status.homing_moves }),
-        );
-    }
-    let mut text = String::new();
+    let document = json!({ "dry_run": true, "moves": moves, "homing_moves": status.homing_moves });
+    let mut report = Report::new("Dry run", "");
     for (axis, to_rad) in status.axes.iter().zip(pitches_rad) {
         let homed = if axis.homed { "" } else { " (not homed yet)" };
-        text += &format!(
-            "axis {}: {:.3} deg -> {:.3} deg{homed}\n",
-            axis.axis,
-            axis.position_deg,
-            to_rad.to_degrees()
-        );
+        let (from_deg, to_deg) = (axis.position_deg, to_rad.to_degrees());
+        report.figure(&format!("axis {}", axis.axis), format!("{from_deg:.3}° -> {to_deg:.3}°{homed}"));
     }
     if moves.is_empty() || homes {
-        text += if status.homing_moves {
-            "homing moves every axis to its switch or zero, one after the other\n"
-        } else {
-            "homing moves nothing on this rig: it has neither switch nor zero to seek\n"
-        };
+        report.note(match status.homing_moves {
+            true => "homing moves every axis to its switch or zero, one after the other",
+            false => "homing moves nothing on this rig: it has neither switch nor zero to seek",
+        });
     } else if status.axes.iter().any(|axis| !axis.homed) {
-        text += "without --home, or `rig home --arm` before it, this would be refused\n";
+        report.note("without --home, or `rig home --arm` before it, this would be refused");
     }
     if !moves.is_empty() {
-        text +=
-            "a keep-out region of the firmware, where it has one, is known to it alone and not looked at\n";
+        report.note(
+            "a keep-out region of the firmware, where it has one, is known to it alone and not looked at",
+        );
     }
-    output::print_text(&(text + "nothing was moved\n"))
+    report.note("nothing was moved");
+    output::print_result(context.json, &document, &report, &[])
 }
 
 pub(super) fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyhow::Result<()> {
-    if context.json {
-        let mut document = serde_json::to_value(status)?;
-        if let (Some(applied), Some(fields)) = (applied, document.as_object_mut()) {
-            let axes: Vec<_> = applied
-                .axes
-                .iter()
-                .map(|axis| {
-                    json!({
-                        "target_deg": axis.target_rad.to_degrees(),
-                        "measured_deg": axis.measured_rad.to_degrees(),
-                        "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
-                        "uncertainty_deg": axis.uncertainty_rad.map(f64::to_degrees),
-                        "scatter_deg": axis.scatter_rad.to_degrees(),
-                        "readings": axis.readings,
-                        "source": axis.source,
-                        "approach": axis.approach,
-                        "age_ms": axis.age_s * 1e3,
-                    })
+    output::print_result(context.json, &document(status, applied)?, &report(status), &[])
+}
+
+fn document(status: &RigStatus, applied: Option<&Applied>) -> anyhow::Result<Value> {
+    let mut document = serde_json::to_value(status)?;
+    if let (Some(applied), Some(fields)) = (applied, document.as_object_mut()) {
+        let axes: Vec<_> = applied
+            .axes
+            .iter()
+            .map(|axis| {
+                json!({
+                    "target_deg": axis.target_rad.to_degrees(),
+                    "measured_deg": axis.measured_rad.to_degrees(),
+                    "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
+                    "uncertainty_deg": axis.uncertainty_rad.map(f64::to_degrees),
+                    "scatter_deg": axis.scatter_rad.to_degrees(),
+                    "readings": axis.readings,
+                    "source": axis.source,
+                    "approach": axis.approach,
+                    "age_ms": axis.age_s * 1e3,
                 })
-                .collect();
-            fields.insert("applied".into(), axes.into());
-        }
-        return output::print_json(&document);
+            })
+            .collect();
+        fields.insert("applied".into(), axes.into());
     }
+    Ok(document)
+}
+
+fn report(status: &RigStatus) -> Report {
     let armed = if status.armed { "armed" } else { "disarmed" };
-    let mut text = format!(
-        "rig {} on {}: firmware {}, {armed}, last start: {}, {} frames, {} damaged\n",
+    let sentence = format!(
+        "rig {} on {}: firmware {}, {armed}, last start: {}, {} frames, {} damaged",
         status.uid, status.port, status.firmware, status.reset_cause, status.frames, status.damaged
     );
+    let mut report = Report::new("The rig", &sentence);
     for axis in &status.axes {
         let homed = if axis.homed { "homed" } else { "not homed" };
-        let within = axis.uncertainty_deg.map_or(String::new(), |half_deg| format!(" ±{half_deg:.3}"));
-        text += &format!(
-            "axis {}: {:8.3} deg{within} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
-            axis.axis, axis.position_deg, axis.source, axis.age_ms, axis.target_deg, axis.state
+        let within = axis.uncertainty_deg.map_or(String::new(), |half_deg| format!(" ± {half_deg:.3}"));
+        let mut words = format!(
+            "{:8.3}{within}° ({}, {:.0} ms ago), target {:8.3}°, {}, {homed}",
+            axis.position_deg, axis.source, axis.age_ms, axis.target_deg, axis.state
         );
         if !axis.faults.is_empty() {
-            text += &format!(", FAULT {}", axis.faults.join(", "));
+            words += &format!(", FAULT {}", axis.faults.join(", "));
         }
         if !axis.device_errors.is_empty() {
-            text += &format!(", the device says: {}", axis.device_errors.join(", "));
+            words += &format!(", the device says: {}", axis.device_errors.join(", "));
         }
-        text.push('\n');
+        report.figure(&format!("axis {}", axis.axis), words);
     }
-    output::print_text(&text)
+    report
 }
 
 /// Whether the servos are driven by this program: what it knows of them ends with it.

@@ -8,6 +8,7 @@ use super::info;
 use super::settings::{parse_destination, parse_setting, twice};
 use crate::commands::{Context, Outcome, ensure_consistent, output};
 use crate::live::setup::{Configured, Sensor, Wanted};
+use crate::report::Report;
 
 /// Arguments of `sensor configure`.
 #[derive(clap::Args, Debug)]
@@ -73,11 +74,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         (twice.is_some(), format!("--set {other} is given twice")),
     ])?;
     let configured = Sensor::at(&args.host)?.configure(&wanted)?;
-    if context.json {
-        output::print_json(&configured)?;
-    } else {
-        output::print_text(&text(&configured))?;
-    }
+    output::print_result(context.json, &configured, &report(&configured), &[])?;
     for change in configured.refused() {
         output::say_notice(&format!(
             "{}: wanted {}, the sensor has {}{}",
@@ -91,12 +88,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if refused { Outcome::DataLost } else { Outcome::Done })
 }
 
-fn text(configured: &Configured) -> String {
-    let mut text = String::new();
+fn report(configured: &Configured) -> Report {
+    let sentence = if configured.saved { "saved" } else { "not saved: lost when it is switched off" };
+    let mut report = Report::new("Settings of a sensor", sentence);
     for change in &configured.changes {
         let refused = if change.is_accepted { "" } else { "   REFUSED" };
-        text += &format!("{}: {} -> {}{refused}\n", change.key, change.before, change.after);
+        report.figure(&change.key, format!("{} -> {}{refused}", change.before, change.after));
     }
-    text += if configured.saved { "saved\n" } else { "not saved: lost when it is switched off\n" };
-    text + &info::text(&configured.state)
+    info::append_to(&mut report, &configured.state);
+    report
 }

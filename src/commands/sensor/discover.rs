@@ -8,6 +8,7 @@ use serde_json::json;
 
 use crate::commands::{Context, Outcome, output};
 use crate::live::setup::discover::{Found, ousters, velodynes};
+use crate::report::Report;
 
 /// Arguments of `sensor discover`.
 #[derive(clap::Args, Debug)]
@@ -41,21 +42,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Err(_) => remarks.push("no Velodynes were looked for: the listening thread ended".to_owned()),
     }
     remarks.iter().for_each(|remark| output::say_notice(remark));
-    if context.json {
-        output::print_json(&json!({ "sensors": found, "remarks": remarks }))?;
-    } else {
-        output::print_text(&text(&found, args.seconds))?;
-    }
+    let document = json!({ "sensors": found, "remarks": remarks });
+    output::print_result(context.json, &document, &report(&found, args.seconds), &[])?;
     Ok(Outcome::Done)
 }
 
-fn text(found: &[Found], seconds: f64) -> String {
+fn report(found: &[Found], seconds: f64) -> Report {
+    let mut report = Report::new("Sensors on the network", "");
     if found.is_empty() {
-        return format!(
-            "no sensor answered within {seconds} s: is it powered, on this network segment, and past its start of about half a minute?\n"
-        );
+        report.note(format!(
+            "no sensor answered within {seconds} s: is it powered, on this network segment, and past its start of about half a minute?"
+        ));
     }
-    let line = |sensor: &Found| {
+    for sensor in found {
         let at = |address: &IpAddr| match sensor.port {
             80 => address.to_string(),
             port => std::net::SocketAddr::new(*address, port).to_string(),
@@ -68,7 +67,8 @@ fn text(found: &[Found], seconds: f64) -> String {
             .filter(|(_, value)| !value.is_empty())
             .map(|(key, value)| format!("{key}{value}"))
             .collect();
-        format!("{vendor} {} {} {}\n", sensor.name, addresses.join(" "), properties.join(", "))
-    };
-    found.iter().map(line).collect()
+        let [name, addresses, properties] = [&sensor.name, &addresses.join(" "), &properties.join(", ")];
+        report.note(format!("{vendor} {name} {addresses} {properties}"));
+    }
+    report
 }

@@ -9,6 +9,7 @@ use crate::base::files;
 use crate::commands::{Context, Outcome, ensure_consistent, output};
 use crate::live::setup::{Sensor, SensorState, warnings};
 use crate::live::watch::read_metadata;
+use crate::report::Report;
 
 /// Arguments of `sensor info`.
 #[derive(clap::Args, Debug)]
@@ -49,14 +50,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         states.push(state);
     }
-    if context.json {
-        output::print_json(&json!({ "sensors": states, "agrees": agrees }))?;
-    } else {
-        let verdict = if agrees == Some(true) { "agrees with" } else { "differs from" };
-        let compared = args.meta.iter().map(|path| format!("  {verdict} {}\n", path.display()));
-        let saved = args.save_metadata.iter().map(|path| format!("metadata in {}\n", path.display()));
-        output::print_text(&states.iter().map(text).chain(compared).chain(saved).collect::<String>())?;
-    }
+    let mut report = Report::new("Sensors", "");
+    states.iter().for_each(|state| append_to(&mut report, state));
+    let verdict = if agrees == Some(true) { "agrees with" } else { "differs from" };
+    report.figures(args.meta.iter().map(|path| (verdict, path.display().to_string())));
+    report.figures(args.save_metadata.iter().map(|path| ("metadata in", path.display().to_string())));
+    let document = json!({ "sensors": states, "agrees": agrees });
+    output::print_result(context.json, &document, &report, &[])?;
     Ok(if agrees == Some(false) { Outcome::DataLost } else { Outcome::Done })
 }
 
@@ -75,8 +75,8 @@ fn hosts(typed: &[String], context: Context) -> anyhow::Result<Vec<String>> {
     Ok(hosts)
 }
 
-/// A sensor in words.
-pub(super) fn text(state: &SensorState) -> String {
+/// A section about a sensor.
+pub(super) fn append_to(report: &mut Report, state: &SensorState) {
     let port = |port: Option<u16>| port.map_or("unsaid".to_owned(), |port| port.to_string());
     let to = &state.destination;
     let host = if to.host.is_empty() { "no host" } else { &to.host };
@@ -86,22 +86,15 @@ pub(super) fn text(state: &SensorState) -> String {
         None => "nothing to lock to",
     };
     let warm = state.temperature_c.map_or(String::new(), |inside_c| format!(", {inside_c:.0} °C inside"));
-    let mut text = format!(
-        "{}: {} serial {}, firmware {}\n  {}{warm}\n  sends to {host}, lidar port {}, auxiliary port {}\n  clock {} ({}), {locked}\n",
-        state.address,
-        state.model,
-        state.serial,
-        state.firmware,
-        state.status,
-        port(to.port),
-        port(to.auxiliary_port),
-        state.clock.source,
-        state.clock.detail,
+    let SensorState { address, model, serial, firmware, status, clock, .. } = state;
+    report.heading(&format!("{address}: {model} serial {serial}, firmware {firmware}"));
+    report.figure("status", format!("{status}{warm}"));
+    let (lidar, auxiliary) = (port(to.port), port(to.auxiliary_port));
+    report.figure("sends to", format!("{host}, lidar port {lidar}, auxiliary port {auxiliary}"));
+    report.figure("clock", format!("{} ({}), {locked}", clock.source, clock.detail));
+    report.figures(
+        state.warnings.iter().map(|warning| ("WARNING", format!("{}: {}", warning.kind, warning.text))),
     );
-    for warning in &state.warnings {
-        text += &format!("  WARNING {}: {}\n", warning.kind, warning.text);
-    }
-    text
 }
 
 /// A time above zero, seconds.

@@ -15,7 +15,7 @@ use crate::commands::output::say_notice;
 use crate::commands::{Context, Outcome, output, scene_file, signals};
 use crate::recording::playback::{Placement, Player, Take, Tape, World};
 use crate::recording::{Recording, Session, sensor_ids};
-use crate::report::viewer;
+use crate::report::{Report, viewer};
 use crate::rig::MountFile;
 use crate::world::scene::LoadedScene;
 use crate::world::trajectory::Trajectory;
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         );
     }
     let document = Document { format: "outrigger-view/1", url: url.clone() };
-    output::print_result(context.json, &document, || format!("{url}\n"), &[])?;
+    output::print_result(context.json, &document, &Report::new("A recording in the browser", &url), &[])?;
     if !args.no_open && !open(&url) {
         say_notice("no browser could be started: open the address by hand");
     }

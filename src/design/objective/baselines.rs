@@ -99,13 +99,13 @@ pub(crate) struct Rescored {
 }
 
 impl Rescored {
-    /// One line of a summary.
-    pub(crate) fn line(&self) -> String {
+    /// In words.
+    pub(crate) fn words(&self) -> String {
         format!(
-            "with {} degrees of divergence: J {:.1} +- {:.1} ({} runs)\n",
-            self.divergence_deg,
+            "J {:.1} ± {:.1} with {} degrees of divergence ({} runs)",
             self.mean,
             self.sd,
+            self.divergence_deg,
             self.objectives.len()
         )
     }

@@ -13,7 +13,7 @@ mod sites;
 mod state_file;
 mod weights;
 
-pub(crate) use answer::{Answer, CoveredSite, Judged, JudgedAtSite};
+pub(crate) use answer::{Answer, CoveredSite, FlatRange, Judged, JudgedAtSite};
 pub(crate) use correction::ModelError;
 pub(crate) use plan::{Judges, Plan};
 pub(crate) use rig_space::{RigSpace, is_of_few_channels};

@@ -3,7 +3,7 @@
 
 mod document;
 mod error;
-mod page;
+mod report;
 mod pictures;
 mod plan;
 mod problems;
@@ -14,10 +14,10 @@ mod tilt;
 mod walk;
 
 pub(crate) use document::{Document, FORMAT};
-pub(crate) use page::page;
 pub(crate) use plan::{predict, search};
 pub(crate) use problems::problems;
 pub(crate) use replay::compare;
+pub(crate) use report::report;
 pub(crate) use setup::{DemoFault, Walk};
 pub(crate) use tilt::drive;
 pub(crate) use walk::record;

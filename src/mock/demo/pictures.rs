@@ -74,5 +74,5 @@ pub(super) fn search_section(report: &mut Report, document: &Document) {
         number(search.wall_s, 2),
         search.preset,
     );
-    report.figure(&chart.svg(), &caption);
+    report.chart(&chart.svg(), &caption);
 }

@@ -9,6 +9,7 @@ use crate::mock::senders::{MAX_SENDERS, SenderSockets};
 use crate::recording::bags::BagPackets;
 use crate::recording::packet_reader::PacketReader;
 use crate::recording::source::{capture_losses, name_of};
+use crate::report::Report;
 
 /// What was sent.
 #[derive(Clone, Debug, Default, serde::Serialize)]
@@ -52,23 +53,22 @@ impl Sent {
         }
     }
 
-    pub(crate) fn text(&self, spec: &ReplaySpec) -> String {
-        let mut text = String::new();
+    pub(crate) fn report(&self, spec: &ReplaySpec) -> Report {
+        let rounds = if spec.is_repeated { format!(", {} whole rounds", self.rounds) } else { String::new() };
+        let sentence =
+            format!("{} packets, {} bytes in {:.1} s{rounds}", self.packets, self.bytes, self.wall_s);
+        let mut report = Report::new("Packets sent", &sentence);
         for (recorded, port) in &self.ports {
             let to = SocketAddr::new(spec.to.ip, port.to_port);
-            text += &format!("port {recorded}: {} packets to {to}\n", port.packets);
+            report.figure(&format!("port {recorded}"), format!("{} packets to {to}", port.packets));
         }
-        if self.senders.len() > 1 {
-            for (sender, from) in &self.senders {
-                text += &format!("packets of {sender} come from {from}\n");
-            }
-        }
+        let senders = self.senders.iter().filter(|_| self.senders.len() > 1);
+        report
+            .figures(senders.map(|(sender, from)| (sender.to_string(), format!("packets come from {from}"))));
         if self.not_mapped > 0 {
-            text += &format!("{} packets of other ports not sent\n", self.not_mapped);
+            report.note(format!("{} packets of other ports not sent", self.not_mapped));
         }
-        let rounds = if spec.is_repeated { format!(", {} whole rounds", self.rounds) } else { String::new() };
-        text += &format!("{} packets, {} bytes in {:.1} s{rounds}\n", self.packets, self.bytes, self.wall_s);
-        text
+        report
     }
 }
 

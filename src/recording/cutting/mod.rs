@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use ::sensors::Packet;
 use ::sensors::router::Routed;
 
-use self::document::Document;
+pub(crate) use self::document::Document;
 use self::sensors::{Needs, Poses, SensorsOf};
 use crate::base::times::rfc3339;
 use crate::recording::SessionError;

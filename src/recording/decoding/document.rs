@@ -1,7 +1,6 @@
 //! What `decode` reports: the JSON document and the table.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use glam::DVec3;
 use sensors::capture::CaptureCounters;
@@ -14,10 +13,8 @@ use super::error::DecodingError;
 use super::output::{Output, WrittenFile};
 use super::placing::Placing;
 use super::spec::DecodingSpec;
-use crate::base::numbers::counted;
 use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
-use crate::recording::inspection::losses;
 use crate::recording::mounted::Mounts;
 use crate::recording::registered::Registration;
 use crate::recording::source::{Ending, Recording};
@@ -26,15 +23,15 @@ use crate::recording::{sensor_ids, unread};
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
 pub(crate) struct Document {
-    capture: String,
-    sensors: Vec<SensorReport>,
-    unclaimed: Vec<Unclaimed>,
-    fragments_incomplete: u64,
-    capture_counters: CaptureCounters,
-    data_lost: bool,
-    losses: Vec<String>,
-    notices: Vec<String>,
-    files: Vec<WrittenFile>,
+    pub(crate) capture: String,
+    pub(crate) sensors: Vec<SensorReport>,
+    pub(crate) unclaimed: Vec<Unclaimed>,
+    pub(crate) fragments_incomplete: u64,
+    pub(crate) capture_counters: CaptureCounters,
+    pub(crate) data_lost: bool,
+    pub(crate) losses: Vec<String>,
+    pub(crate) notices: Vec<String>,
+    pub(crate) files: Vec<WrittenFile>,
     #[serde(skip)]
     found: BTreeMap<usize, Found>,
     #[serde(skip)]
@@ -42,55 +39,55 @@ pub(crate) struct Document {
 }
 
 #[derive(Serialize)]
-struct SensorReport {
-    id: String,
-    vendor: &'static str,
-    model: String,
-    format: String,
-    source: Option<String>,
-    port: Option<u16>,
-    serial: String,
-    metadata: Option<String>,
+pub(crate) struct SensorReport {
+    pub(crate) id: String,
+    pub(crate) vendor: &'static str,
+    pub(crate) model: String,
+    pub(crate) format: String,
+    pub(crate) source: Option<String>,
+    pub(crate) port: Option<u16>,
+    pub(crate) serial: String,
+    pub(crate) metadata: Option<String>,
     /// Where its beams come from.
-    beams: String,
+    pub(crate) beams: String,
     /// How its packets come to the host, where several sensors have one address.
-    link: Option<String>,
+    pub(crate) link: Option<String>,
     /// The time that its stamps are in.
-    clock: Option<String>,
+    pub(crate) clock: Option<String>,
     /// What its metadata say and its packets do not show.
-    corrections: Vec<Correction>,
-    frames: Vec<FrameRow>,
-    totals: Totals,
-    counters: DecodeStats,
-    imu_samples: u64,
-    position_packets: u64,
-    zone_reports: u64,
+    pub(crate) corrections: Vec<Correction>,
+    pub(crate) frames: Vec<FrameRow>,
+    pub(crate) totals: Totals,
+    pub(crate) counters: DecodeStats,
+    pub(crate) imu_samples: u64,
+    pub(crate) position_packets: u64,
+    pub(crate) zone_reports: u64,
 }
 
 #[derive(Serialize)]
-struct FrameRow {
-    frame_id: u32,
-    points: u64,
-    points_second: Option<u64>,
-    complete: bool,
-    valid_columns: usize,
-    packets: u32,
-    expected_packets: Option<u32>,
-    range_sum_mm: u64,
-    xyz_sum_m: [f64; 3],
-    first_time_ns: Option<u64>,
-    last_time_ns: Option<u64>,
-    first_host_time_ns: u64,
-    last_host_time_ns: u64,
+pub(crate) struct FrameRow {
+    pub(crate) frame_id: u32,
+    pub(crate) points: u64,
+    pub(crate) points_second: Option<u64>,
+    pub(crate) complete: bool,
+    pub(crate) valid_columns: usize,
+    pub(crate) packets: u32,
+    pub(crate) expected_packets: Option<u32>,
+    pub(crate) range_sum_mm: u64,
+    pub(crate) xyz_sum_m: [f64; 3],
+    pub(crate) first_time_ns: Option<u64>,
+    pub(crate) last_time_ns: Option<u64>,
+    pub(crate) first_host_time_ns: u64,
+    pub(crate) last_host_time_ns: u64,
 }
 
 #[derive(Default, Serialize)]
-struct Totals {
-    frames: usize,
-    points: u64,
-    points_second: u64,
-    range_sum_mm: u64,
-    xyz_sum_m: [f64; 3],
+pub(crate) struct Totals {
+    pub(crate) frames: usize,
+    pub(crate) points: u64,
+    pub(crate) points_second: u64,
+    pub(crate) range_sum_mm: u64,
+    pub(crate) xyz_sum_m: [f64; 3],
 }
 
 /// What one sensor gave.
@@ -344,53 +341,6 @@ impl Document {
     /// What the user should know besides the result.
     pub(crate) fn notices(&self) -> &[String] {
         &self.notices
-    }
-
-    /// The same for people.
-    pub(crate) fn table(&self, is_verbose: bool) -> String {
-        let mut text = String::new();
-        for sensor in &self.sensors {
-            let serial =
-                if sensor.serial.is_empty() { String::new() } else { format!(", serial {}", sensor.serial) };
-            let source = sensor.source.as_ref().map_or(String::new(), |source| format!(", from {source}"));
-            let _ = writeln!(
-                text,
-                "{}: {} {}, {}{serial}{source}, beams {}",
-                sensor.id, sensor.vendor, sensor.model, sensor.format, sensor.beams
-            );
-            if is_verbose {
-                text.push_str("    frame    points   second  columns  packets\n");
-            }
-            for frame in sensor.frames.iter().filter(|_| is_verbose) {
-                let second = frame.points_second.map_or("-".into(), |points| points.to_string());
-                let expected = frame.expected_packets.map_or(String::new(), |packets| format!("/{packets}"));
-                let _ = writeln!(
-                    text,
-                    "{:>9} {:>9} {second:>8} {:>8} {:>8}{}",
-                    frame.frame_id,
-                    frame.points,
-                    frame.valid_columns,
-                    format!("{}{expected}", frame.packets),
-                    if frame.complete { "" } else { "  incomplete" },
-                );
-            }
-            let frames = counted(sensor.totals.frames as u64, "frame");
-            let points = sensor.totals.points + sensor.totals.points_second;
-            let _ = write!(text, "    {frames}, {points} points");
-            let counters = &sensor.counters;
-            // clouds of a bag come without packets
-            if counters.packets > 0 {
-                let _ = write!(text, "; {} packets, {}", counters.packets, losses(counters));
-            }
-            text.push('\n');
-            if let Some(clock) = &sensor.clock {
-                let _ = writeln!(text, "    clock: {clock}");
-            }
-        }
-        for file in &self.files {
-            let _ = writeln!(text, "wrote {} ({} points)", file.path, file.points);
-        }
-        text
     }
 }
 

@@ -10,6 +10,7 @@ mod placing;
 mod spec;
 
 pub(crate) use clouds::decode_clouds;
+pub(crate) use document::{Document, FrameRow, SensorReport};
 pub(crate) use error::DecodingError;
 pub(crate) use frames::{FrameRange, OutputFrame};
 pub(crate) use output::ensure_output;

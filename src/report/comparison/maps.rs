@@ -2,27 +2,22 @@
 
 use glam::DVec3;
 
+use super::Pictures;
 use crate::report::above::on_plans;
 use crate::report::chart::{CellMap, Plan, PlanAxis};
 use crate::report::figures::where_different;
 use crate::report::{Report, unfold_box};
 use crate::rig::Rig;
-use crate::verify::compare::{CellKinds, Replayed, cell_kinds};
+use crate::verify::compare::{CellKinds, cell_kinds};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
-use crate::world::trajectory::Trajectory;
 
 /// A top view is drawn with at most so many cells along an edge.
 const TOP_CELLS: usize = 240;
 
-pub(super) fn difference_maps(
-    report: &mut Report,
-    replayed: &Replayed,
-    scene: &Scene,
-    trajectory: &Trajectory,
-    origin: LocalOrigin,
-) {
+pub(super) fn difference_maps(report: &mut Report, pictures: &Pictures<'_>) {
+    let Pictures { replayed, scene, trajectory, origin, .. } = pictures;
     report.fold("Where they differ", "plans");
     let classes = where_different();
     if matches!(scene, Scene::Box(_)) {
@@ -38,7 +33,7 @@ pub(super) fn difference_maps(
     let rig = Rig { sensors: replayed.sensors.clone() };
     let above = from_above(&replayed.as_driven, &replayed.recorded, &replayed.placed);
     let above = CellMap {
-        plan: Some(plan(replayed.recorded.grid(), &above, on_plans(trajectory, &rig), origin)),
+        plan: Some(plan(replayed.recorded.grid(), &above, on_plans(trajectory, &rig), *origin)),
         ..above
     };
     report.maps(

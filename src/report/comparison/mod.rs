@@ -1,9 +1,7 @@
-//! What `compare` found: on the screen, and as a page.
+//! What `compare` found, as a report.
 
 mod maps;
-mod page;
 mod rays;
-mod text;
+mod sections;
 
-pub(crate) use page::page;
-pub(crate) use text::text;
+pub(crate) use sections::{Pictures, in_figures, report};

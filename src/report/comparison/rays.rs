@@ -19,13 +19,12 @@ pub(super) fn rays_section(report: &mut Report, comparison: &Comparison, replaye
         })
         .collect();
     let header = ["sensor", "agree", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"];
-    report.table(&header, &rows);
+    report.table(&header, rows);
     let classes = strip_classes();
     for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
         let strips = [strip(&sensor.name, breakdown)];
         if strips[0].cells.iter().flatten().all(|class| *class == 0) {
-            report
-                .paragraph(&format!("{}: in every direction at least 95 % of the rays agree.", sensor.name));
+            report.note(format!("{}: in every direction at least 95 % of the rays agree.", sensor.name));
             continue;
         }
         report.maps(
@@ -51,7 +50,7 @@ pub(super) fn rays_section(report: &mut Report, comparison: &Comparison, replaye
         series: series.collect(),
         ..LineChart::default()
     };
-    report.figure(&chart.svg(), "The more obliquely a surface is seen, the more a pose error shows.");
+    report.chart(&chart.svg(), "The more obliquely a surface is seen, the more a pose error shows.");
 }
 
 fn strip_classes() -> [CellClass; 6] {

@@ -1,12 +1,12 @@
-//! How much of a mesh's surface ideal sensors cover: its part of the JSON document and of the summary.
+//! How much of a mesh's surface ideal sensors cover: its part of the JSON document and of the report.
 
-mod page;
+mod sections;
 
-pub(crate) use page::page;
+pub(crate) use sections::Pictures;
 
 use serde::Serialize;
 
-use crate::design::registration::{PathRegistration, RegistrationQuality};
+use crate::design::registration::PathRegistration;
 use crate::simulate::baselines::Baselines;
 use crate::simulate::ideal::{IdealCoverage, IdealSensors, SingleCoverage};
 use crate::world::scene::{Mesh, MeshSummary};
@@ -74,36 +74,6 @@ impl SurfaceDocument {
             area_m2: triangles.map_or(0.0, Mesh::area_m2),
             registration: PathRegistration::of_scanner(&sensors.scanner()),
             times,
-        }
-    }
-
-    /// The result in words.
-    pub(crate) fn lines(&self) -> String {
-        let line = |name: &str, shares: &SurfaceShares| {
-            let cells: Vec<_> = shares.percent().iter().map(|cell| format!("{cell:>8}")).collect();
-            format!("{name:14}{}\n", cells.join(""))
-        };
-        let mut text = format!(
-            "{}observable     {:.3} % of {} samples on {:.1} m2\n\
-             {:14}    2 cm    5 cm   10 cm  of observable at 5 cm (all in %)\n",
-            self.mesh.line(),
-            100.0 * self.observable_share,
-            self.samples,
-            self.area_m2,
-            ""
-        );
-        text += &line("mounts", &self.shares);
-        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
-            text += &line(name, &single.seen.coverage.shares);
-        }
-        if let Some(baselines) = &self.baselines {
-            let best = &baselines.best_single;
-            text += &format!("best single is a {} at a pitch of {:.0} degrees\n", best.model, best.pitch_deg);
-        }
-        text += &self.registration.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        match &self.baselines {
-            Some(_) => text + &format!("single sensors {:.2} s\n", self.times.baselines_s),
-            None => text,
         }
     }
 }

@@ -1,13 +1,13 @@
-//! What a mount will see of a site: the JSON document and its summary.
+//! What a mount will see of a site: the JSON document and the report of it.
 
-mod page;
+mod sections;
 
-pub(crate) use page::page;
+pub(crate) use sections::{Pictures, report};
 
 use serde::Serialize;
 
 use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
-use crate::design::registration::{PathRegistration, RegistrationQuality};
+use crate::design::registration::PathRegistration;
 use crate::rig::{Conflicts, MountedSensor};
 use crate::simulate::prediction::{Omission, Prediction, SceneBaselines, Site, unknown_share};
 use crate::simulate::quality::Quality;
@@ -116,12 +116,12 @@ impl MapDocument {
         Self { summary: summary.clone(), unknown_share }
     }
 
-    /// In words.
-    pub(crate) fn line(&self) -> String {
-        let unknown = self.unknown_share.map_or(String::new(), |share| {
-            format!("{:15}{:.2} % of the beams go into unknown space\n", "", 100.0 * share)
-        });
-        self.summary.line() + &unknown
+    /// In words, each with a label.
+    fn figures(&self) -> impl Iterator<Item = (&'static str, String)> {
+        let unknown = self
+            .unknown_share
+            .map(|share| ("unknown space", format!("{:.2} % of the beams go into it", 100.0 * share)));
+        [("map", self.summary.words())].into_iter().chain(unknown)
     }
 }
 
@@ -187,72 +187,5 @@ impl Document {
             total_s: 0.0,
             sensors,
         }
-    }
-
-    /// The result in words.
-    pub(crate) fn summary(&self) -> String {
-        let mut text = format!(
-            "{:.2} m travelled, {} rays, {} returns\n\
-             voxels seen    {} of {} of {} m that can be seen, {:.2} % of them by two sensors or more\n\
-             sensor                 model      columns   returns   voxels    alone\n",
-            self.trajectory_length_m,
-            self.rays,
-            self.returns,
-            self.unique_voxels,
-            self.reachable_voxels,
-            self.grid.voxel_m,
-            100.0 * self.overlap_ratio,
-        );
-        for sensor in &self.sensors {
-            text += &format!(
-                "{:22} {:10}{:8}{:10}{:9}{:9}\n",
-                sensor.name,
-                sensor.model,
-                sensor.columns,
-                sensor.returns,
-                sensor.voxels,
-                sensor.unique_voxels
-            );
-        }
-        text += &self
-            .quality
-            .map_or(String::new(), |quality| format!("counted        {}\n", quality.words(false)));
-        if let Some(baselines) = &self.baselines {
-            text += &format!(
-                "compared       {}: the rig sees {} voxels\n",
-                baselines.rays_words(),
-                baselines.rig.unique_voxels
-            );
-            for (name, single) in baselines.singles.named() {
-                let (seen, gain) = (single.seen.unique_voxels, single.seen.gain_words());
-                let (model, pitch_deg) = (&single.model, single.pitch_deg);
-                text += &format!(
-                    "{name:15}{model} at pitch {pitch_deg:.0}: {seen} voxels; the rig sees {gain}\n"
-                );
-            }
-            text += &format!("{:15}best by {}\n", "", baselines.singles.search_by);
-        }
-        if let Some(surface) = &self.surface {
-            text += &surface.mesh.line();
-            text += &format!(
-                "observable     {:.3} % of {} surface samples\n{:15}   2 cm    5 cm   10 cm  of observable at 5 cm (all in %)\n",
-                100.0 * surface.observable_share,
-                surface.samples,
-                ""
-            );
-            let line =
-                |name: &str, shares: &SurfaceShares| format!("{name:15}{}\n", shares.percent().join("  "));
-            text += &line("rig", &surface.shares);
-            for (name, shares) in self.baselines.iter().flat_map(SceneBaselines::shares) {
-                text += &line(&name, shares);
-            }
-        }
-        text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
-        text += &self.registration.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        for omission in self.left_out.iter().flatten() {
-            text += &format!("left out       {}\n", omission.words());
-        }
-        text += &self.conflicts.lines();
-        text + &format!("{:.2} s, {:.2} s of it for the rig\n", self.total_s, self.wall_s)
     }
 }

@@ -1,10 +1,10 @@
-//! What a search in a scene found: the JSON document and its summary.
+//! What a search in a scene found: the JSON document and the report of it.
 
 mod assemble;
-mod page;
+mod sections;
 
 pub(crate) use assemble::{SiteSource, masters};
-pub(crate) use page::page;
+pub(crate) use sections::{Pictures, report};
 
 use serde::Serialize;
 
@@ -12,7 +12,6 @@ use crate::base::numbers::counted;
 use crate::design::optimize::StoppedBy;
 use crate::design::robustness::Criterion;
 use crate::design::scene_search::{Answer, Judged, JudgedAtSite, ModelError, Plan, SceneWeights, WeightRule};
-use crate::report::chart::number;
 use crate::simulate::view::{BuildCost, Quality};
 
 /// The document.
@@ -234,10 +233,6 @@ impl Document {
         ))
     }
 
-    fn quality_line(&self) -> Option<String> {
-        self.sampling.quality.map(|quality| quality.words(true))
-    }
-
     fn cost_line(&self) -> String {
         let thinned = match self.plan {
             Plan { thinning: 1, .. } => String::new(),
@@ -255,77 +250,5 @@ impl Document {
     pub(crate) fn csv(&self) -> String {
         let lines = self.history.iter().map(|(at, best)| format!("{at},{best}\r\n"));
         format!("evaluations,best_objective\r\n{}", lines.collect::<String>())
-    }
-
-    /// The result in words.
-    pub(crate) fn summary(&self) -> String {
-        let Self { answer, best, .. } = self;
-        let mut text = format!("{}\n", self.sentence());
-        text += &format!(
-            "trajectory     {:.1} m in {:.0} s, {}\n",
-            self.trajectory.length_m, self.trajectory.duration_s, self.trajectory.source
-        );
-        for (at, SiteDocument { scene, trajectory, reachable_voxels }) in self.sites.iter().enumerate() {
-            text += &format!(
-                "site {:<10}{scene}: {:.1} m, {}; {reachable_voxels} voxels can be seen\n",
-                at + 1,
-                trajectory.length_m,
-                trajectory.source
-            );
-        }
-        text += &self.quality_line().map_or(String::new(), |line| format!("counted        {line}\n"));
-        text += "mount                      seen    voxels  overlap           J\n";
-        let mut line = |name: &str, judged: &Judged| {
-            text += &format!(
-                "{name:22}{:>9}{:10}{:7.1} %{:>12}\n",
-                self.percent(judged),
-                judged.unique_voxels,
-                100.0 * judged.overlap_ratio,
-                number(judged.objective, 1)
-            );
-        };
-        self.compared().into_iter().for_each(|(name, judged)| line(name, judged));
-        for (site, mount, seen) in self.at_sites() {
-            text += &format!(
-                "{:22}{:>9}{:10}{:7.1} %{:>12}\n",
-                format!("{mount}, site {site}"),
-                format!("{:.2} %", 100.0 * seen.observable_share),
-                seen.unique_voxels,
-                100.0 * seen.overlap_ratio,
-                number(seen.objective, 1)
-            );
-        }
-        text += &self.sites_line().map_or(String::new(), |line| format!("sites          {line}\n"));
-        for found in &self.by_count {
-            text += &format!(
-                "{:22}{:>9}{:10}{:>21}\n",
-                format!("{} sensors", found.sensors),
-                format!("{:.2} %", 100.0 * found.observable_share),
-                found.unique_voxels,
-                number(found.objective, 1)
-            );
-        }
-        text += "sensor            model           x_m      y_m      z_m  pitch_deg  roll_deg\n";
-        for sensor in &best.judged.sensors {
-            text += &format!(
-                "{:18}{:12}{:9.4}{:9.4}{:9.4}{:11.3}{:10.3}\n",
-                sensor.name,
-                sensor.model,
-                sensor.x_m,
-                sensor.y_m,
-                sensor.z_m,
-                sensor.pitch_deg,
-                sensor.roll_deg
-            );
-        }
-        text += "flat to 0.1 %  ";
-        let flat = answer.flat.iter().map(|range| {
-            format!("{} {} to {}", range.coordinate, number(range.low, 3), number(range.high, 3))
-        });
-        text += &(flat.collect::<Vec<_>>().join("\n               ") + "\n");
-        text += &format!("tolerance      {}\n", self.tolerance_line());
-        text += &format!("known to       {}\n", self.certainty_line());
-        text += &self.model_line().map_or(String::new(), |line| format!("model          {line}\n"));
-        format!("{text}{}\n", self.cost_line())
     }
 }

@@ -1,8 +1,8 @@
-//! The score of mounts in a published experiment: the JSON document and its summary.
+//! The score of mounts in a published experiment: the JSON document and the report of it.
 
-mod page;
+mod sections;
 
-pub(crate) use page::page;
+pub(crate) use sections::report;
 
 use serde::Serialize;
 
@@ -88,83 +88,5 @@ impl Document {
             mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
             wall_s,
         }
-    }
-
-    /// The result in words.
-    pub(crate) fn summary(&self) -> String {
-        let evaluation = &self.evaluation;
-        let terms = &evaluation.terms;
-        let angle =
-            evaluation.min_angle_deg.map_or("one sensor".into(), |angle| format!("{angle:.2} degrees"));
-        let registration = match terms.registration {
-            0.0 => String::new(),
-            term => format!(" {term:+.2} registration"),
-        };
-        let mut text = format!(
-            "{}, path {}\n\
-         J              {:.2} = coverage {:.0} {:+.2} overlap {:+.2} angular {:+.0} cost{registration}\n\
-         voxels seen    {} of {} that can be hit ({:.2} %)\n\
-         overlap        {:.2} %\n\
-         least angle    {angle}\n",
-            self.preset,
-            self.path.name(),
-            evaluation.objective,
-            terms.coverage,
-            terms.overlap,
-            terms.angular,
-            terms.cost,
-            evaluation.unique_voxels,
-            evaluation.reachable_voxels,
-            100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
-            100.0 * evaluation.overlap_ratio,
-        );
-        text += &self.sensor_lines();
-        if let Some(quality) = &evaluation.registration {
-            text += &quality.line();
-        }
-        if let Some(rescored) = &self.rescored {
-            text += &rescored.line();
-        }
-        for (title, words) in self.fidelity.iter().flat_map(MountFidelity::verdicts) {
-            text += &format!("{title:<15}{words}\n");
-        }
-        if evaluation.feasible {
-            text += "allowed        yes: every pair of sensors keeps its distance\n";
-        }
-        text += &evaluation.saturation().map_or(String::new(), |words| format!("{words}\n"));
-        for violation in &evaluation.violations {
-            text += &format!("allowed        no: {violation}\n");
-        }
-        for pair in &self.touching {
-            text += &format!("can be built   no: {pair}\n");
-        }
-        text + &format!("{} rays in {:.4} s\n", evaluation.rays, self.wall_s)
-    }
-
-    /// A line per sensor, and one per baseline.
-    fn sensor_lines(&self) -> String {
-        let evaluation = &self.evaluation;
-        let mut text =
-            String::from("sensor       x m      y m      z m    pitch     roll   voxels    alone  model\n");
-        for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in self.mounts.iter().enumerate() {
-            text += &format!(
-                "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}  {}\n",
-                index + 1,
-                evaluation.per_sensor_voxels[index],
-                evaluation.unique_per_sensor[index],
-                evaluation.models[index]
-            );
-        }
-        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
-            text += &format!(
-                "{name:15}{} at pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
-                single.model,
-                single.pitch_deg,
-                single.seen.objective,
-                single.seen.unique_voxels,
-                single.seen.gain_voxels
-            );
-        }
-        text
     }
 }

@@ -1,8 +1,8 @@
-//! The best mount of a search: the JSON document, its summary and its CSV.
+//! The best mount of a search: the JSON document, the report of it and its CSV.
 
-mod page;
+mod sections;
 
-pub(crate) use page::page;
+pub(crate) use sections::{Pictures, report};
 
 use serde::Serialize;
 
@@ -70,41 +70,6 @@ pub(crate) struct Best {
 }
 
 impl Document {
-    /// The result in words.
-    pub(crate) fn summary(&self) -> String {
-        let Document { best: Best { evaluation, masters, master_models }, .. } = self;
-        let mut text = format!(
-            "{}, path {}, {} with seed {}\n\
-         J              {:.2}; {}\n\
-         voxels seen    {} of {} that can be hit\n\
-         overlap        {:.2} %\n",
-            self.preset,
-            self.path.name(),
-            self.method.name(),
-            self.seed,
-            evaluation.objective,
-            self.found_at(),
-            evaluation.unique_voxels,
-            evaluation.reachable_voxels,
-            100.0 * evaluation.overlap_ratio,
-        );
-        text += "master       x m      y m      z m    pitch     roll  model\n";
-        for (index, ([x_m, y_m, z_m, pitch_deg, roll_deg], model)) in
-            masters.iter().zip(master_models).enumerate()
-        {
-            let number = index + 1;
-            text +=
-                &format!("{number:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}  {model}\n");
-        }
-        for (title, words) in self.verdicts() {
-            text += &format!("{title:<15}{words}\n");
-        }
-        text + &format!(
-            "{} rays in {:.3} s: objective {:.3} s, search itself {:.3} s\n",
-            self.rays, self.wall_s, self.objective_s, self.search_s
-        )
-    }
-
     /// Where the search found its highest J, and whether that is the J of the mount.
     fn found_at(&self) -> String {
         let stopped = match self.stopped_by {

@@ -60,7 +60,7 @@ fn level_in_a_room(_quick: bool) -> Result<Measured, StudyError> {
         });
         let quality = RegistrationQuality::of_scans(&[information.clone()]);
         let least = information.conditioning().map_or(0.0, |conditioning| conditioning.translation.least());
-        Ok((least, quality.map_or(String::new(), |quality| quality.line().trim().into())))
+        Ok((least, quality.map_or(String::new(), |quality| quality.words())))
     };
     let ((level, says), (tilted, _)) = (least(&[0.0])?, least(&[38.0, -38.0])?);
     Ok(Measured::judge(

@@ -85,7 +85,7 @@ impl Comparison {
             "map_too_coarse" => "the map leaves gaps through which the rays go on",
             _ => self.verdict.words(),
         };
-        format!("{}: {what}{part}{}", self.verdict.label(), self.undetermined())
+        format!("{what}{part}{}", self.undetermined())
     }
 
     /// What to do, in one sentence.
@@ -251,7 +251,7 @@ impl Reason {
         ])
     }
 
-    /// One line of a summary.
+    /// In words.
     pub(crate) fn line(&self) -> String {
         let values = self.values.iter().map(|(name, value)| {
             let digits = if value.fract() == 0.0 { 0 } else { 4 };
@@ -259,6 +259,6 @@ impl Reason {
         });
         let p_value = self.p_value.map(|p| format!("p {p:.3}"));
         let all: Vec<String> = std::iter::once(self.code.to_owned()).chain(values).chain(p_value).collect();
-        format!("reason    {}\n", all.join(", "))
+        all.join(", ")
     }
 }

@@ -5,8 +5,6 @@ mod sensors;
 mod servos;
 mod traffic;
 
-use std::fmt::Write as _;
-
 use serde::Serialize;
 
 pub(crate) use machine::{clock, disk, governor, processors};
@@ -27,19 +25,19 @@ pub(crate) enum CheckState {
 /// One check.
 #[derive(Debug, Serialize)]
 pub(crate) struct Check {
-    name: String,
-    state: CheckState,
-    found: String,
+    pub(crate) name: String,
+    pub(crate) state: CheckState,
+    pub(crate) found: String,
     /// What to do.
-    advice: Option<String>,
+    pub(crate) advice: Option<String>,
 }
 
 /// All checks.
 #[derive(Debug, Serialize)]
 pub(crate) struct Readiness {
-    format: &'static str,
-    verdict: &'static str,
-    checks: Vec<Check>,
+    pub(crate) format: &'static str,
+    pub(crate) verdict: &'static str,
+    pub(crate) checks: Vec<Check>,
 }
 
 impl Check {
@@ -58,33 +56,5 @@ impl Readiness {
 
     pub(crate) fn is_ready(&self) -> bool {
         self.verdict == "ready"
-    }
-
-    pub(crate) fn text(&self) -> String {
-        let mut text = String::new();
-        let width = self.checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
-        for check in &self.checks {
-            let state = match check.state {
-                CheckState::Ok => "ok",
-                CheckState::Warning => "WARN",
-                CheckState::Bad => "MEND",
-                CheckState::Unknown => "?",
-            };
-            let _ = writeln!(text, "{state:<5} {:<width$} {}", check.name, check.found);
-            if let Some(advice) = &check.advice {
-                let _ = writeln!(text, "{:indent$} -> {advice}", "", indent = width + 6);
-            }
-        }
-        let count = |state: CheckState| self.checks.iter().filter(|check| check.state == state).count();
-        let _ = match self.is_ready() {
-            true => writeln!(text, "ready; {} to look at", count(CheckState::Warning)),
-            false => writeln!(
-                text,
-                "{} to mend, {} to look at",
-                count(CheckState::Bad),
-                count(CheckState::Warning)
-            ),
-        };
-        text
     }
 }

@@ -139,12 +139,12 @@ impl LoadedScene {
 }
 
 impl MeshSummary {
-    /// One line of a summary, and one about the local origin where there is one.
-    pub(crate) fn line(&self) -> String {
-        format!("mesh           {}\n{}", self.words(), self.origin.line())
+    /// Size, unit and axis, and the local origin where there is one, each with a label.
+    pub(crate) fn figures(&self) -> impl Iterator<Item = (&'static str, String)> {
+        [("mesh", self.words())].into_iter().chain(self.origin.words().map(|words| ("local origin", words)))
     }
 
-    pub(crate) fn words(&self) -> String {
+    fn words(&self) -> String {
         let [x, y, z] = self.extent_m;
         let assumed = match (self.is_unit_stated, self.is_up_stated) {
             (true, true) => "",

@@ -29,10 +29,10 @@ pub(crate) struct MapSummary {
 }
 
 impl MapSummary {
-    /// One line of a summary.
-    pub(crate) fn line(&self) -> String {
+    /// In words.
+    pub(crate) fn words(&self) -> String {
         format!(
-            "map            {} occupied and {} free cells of {} m, made of {} points of a {}\n",
+            "{} occupied and {} free cells of {} m, made of {} points of a {}",
             self.occupied_cells, self.free_cells, self.voxel_m, self.points, self.made_of
         )
     }

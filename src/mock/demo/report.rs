@@ -1,6 +1,7 @@
-//! The demo's report page.
+//! The demo's report.
 
 use crate::report::chart::number;
+use crate::report::comparison::in_figures;
 use crate::report::{Report, compared, orbit};
 use crate::verify::compare::{Agreement, Gate, RayClasses, Replayed, Table};
 use crate::world::local_origin::LocalOrigin;
@@ -10,20 +11,23 @@ use crate::world::trajectory::Trajectory;
 use super::document::Document;
 use super::pictures::{pictures, search_section};
 
-/// The page: what was done, whether it agrees, and where it does not.
-pub(crate) fn page(
+/// What was done, whether it agrees, and where it does not.
+pub(crate) fn report(
     document: &Document,
     replayed: &Replayed,
     scene: &Scene,
     trajectory: &Trajectory,
 ) -> Report {
-    let mut report = compared("Outrigger demo", &document.compare, &document.problems, &document.command);
+    let mut report = compared("Outrigger demo", &document.compare, &document.problems);
     report.orbit(
         orbit::compared(replayed, scene, trajectory, Gate::default().agree_within_m, LocalOrigin::default()),
         "Recorded rays on the hall, the rig where the trajectory begins.",
     );
     report.heading("Findings");
-    report.findings(document.problems.iter().chain(&document.compare.words).map(String::as_str));
+    report.notices(&document.problems);
+    report.findings(&document.compare.words);
+    report.heading("In figures");
+    in_figures(&mut report, &document.compare);
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
     pictures(&mut report, document, replayed);
@@ -45,13 +49,13 @@ fn coverage_section(report: &mut Report, document: &Document) {
     report.fold("The three coverages", "planned, as driven, recorded");
     report.table(
         &["cells hit", "count", "what it is"],
-        &[
+        vec![
             row3("planned", counts.planned, "optimal mounts, planned path"),
             row3("as driven", counts.as_driven, "measured pitches, recorded trajectory and column times"),
             row3("recorded", counts.recorded, "decoded from the recorded packets"),
         ],
     );
-    report.paragraph(&format!(
+    report.note(format!(
         "Execution error (planned against as driven): {}. Model error (as driven against recorded): {} of {} points of \
          the walls missed.",
         document.compare.execution.iou.map_or("nothing planned".into(), |iou| format!("IoU {iou:.5}")),
@@ -63,7 +67,7 @@ fn coverage_section(report: &mut Report, document: &Document) {
     };
     report.table(
         &["agreement of as driven and recorded", ""],
-        &[
+        vec![
             figure("IoU", agreement.iou),
             figure("kappa", agreement.kappa),
             figure("MCC", agreement.mcc),
@@ -89,7 +93,7 @@ fn rays_section(report: &mut Report, document: &Document) {
             std::iter::once(sensor.clone()).chain(counts.map(|count| number(count as f64, 0))).collect()
         })
         .collect();
-    report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], &rows);
+    report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], rows);
 }
 
 fn rig_section(report: &mut Report, document: &Document) {
@@ -110,7 +114,7 @@ fn rig_section(report: &mut Report, document: &Document) {
         .collect();
     report.table(
         &["sensor", "asked pitch, deg", "measured pitch, deg", "moved while recording, deg", "reports"],
-        &rows,
+        rows,
     );
 }
 
@@ -132,5 +136,5 @@ fn recording_section(report: &mut Report, document: &Document) {
             ]
         })
         .collect();
-    report.table(&["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"], &rows);
+    report.table(&["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"], rows);
 }

@@ -1,7 +1,5 @@
 //! A mount described: sensors, frames, clearances, and what cannot be built.
 
-mod text;
-
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -11,56 +9,56 @@ use super::{Clearance, Conflicts, FramedSensor, MountFile, Rig, Servos, housing_
 /// A mount described.
 #[derive(Debug, Serialize)]
 pub(crate) struct Description {
-    pub(super) format: &'static str,
-    pub(super) sensors: Vec<SensorRow>,
+    pub(crate) format: &'static str,
+    pub(crate) sensors: Vec<SensorRow>,
     /// Every frame in its parent: metres, quaternions.
-    pub(super) frames: Vec<FrameRow>,
-    pub(super) clearances: Vec<Gap>,
+    pub(crate) frames: Vec<FrameRow>,
+    pub(crate) clearances: Vec<Gap>,
     /// What cannot be built as it is.
     pub(crate) conflicts: Conflicts,
     /// Lines for a shell with ROS 2.
-    pub(super) static_transform_publishers: Vec<String>,
+    pub(crate) static_transform_publishers: Vec<String>,
     /// What is odd, or was concluded.
     pub(crate) problems: Vec<String>,
-    pub(super) written: Vec<PathBuf>,
+    pub(crate) written: Vec<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
 pub(crate) struct SensorRow {
-    pub(super) name: String,
-    pub(super) model: String,
-    pub(super) x_m: f64,
-    pub(super) y_m: f64,
-    pub(super) z_m: f64,
-    pub(super) pitch_deg: f64,
-    pub(super) roll_deg: f64,
-    pub(super) yaw_deg: f64,
-    pub(super) angle_tolerance_deg: Option<f64>,
+    pub(crate) name: String,
+    pub(crate) model: String,
+    pub(crate) x_m: f64,
+    pub(crate) y_m: f64,
+    pub(crate) z_m: f64,
+    pub(crate) pitch_deg: f64,
+    pub(crate) roll_deg: f64,
+    pub(crate) yaw_deg: f64,
+    pub(crate) angle_tolerance_deg: Option<f64>,
     /// Where the beams meet, in the mount frame.
-    pub(super) optical_centre_m: [f64; 3],
+    pub(crate) optical_centre_m: [f64; 3],
     /// The spin axis in the mount frame.
-    pub(super) spin_axis: [f64; 3],
-    pub(super) housing_radius_m: f64,
-    pub(super) housing_height_m: f64,
-    pub(super) field_of_view_deg: [f64; 2],
+    pub(crate) spin_axis: [f64; 3],
+    pub(crate) housing_radius_m: f64,
+    pub(crate) housing_height_m: f64,
+    pub(crate) field_of_view_deg: [f64; 2],
     /// Limits of the servo that turns it; none where none does.
-    pub(super) servo_limits_deg: Option<[f64; 2]>,
+    pub(crate) servo_limits_deg: Option<[f64; 2]>,
 }
 
 #[derive(Debug, Serialize)]
 pub(crate) struct FrameRow {
-    pub(super) name: String,
-    pub(super) parent: String,
-    pub(super) translation_m: [f64; 3],
-    pub(super) rotation_xyzw: [f64; 4],
+    pub(crate) name: String,
+    pub(crate) parent: String,
+    pub(crate) translation_m: [f64; 3],
+    pub(crate) rotation_xyzw: [f64; 4],
 }
 
 #[derive(Debug, Serialize)]
 pub(crate) struct Gap {
     #[serde(flatten)]
-    pub(super) origins: Clearance,
+    pub(crate) origins: Clearance,
     /// Between the housings as they are tilted; 0 where they touch.
-    pub(super) housing_gap_m: f64,
+    pub(crate) housing_gap_m: f64,
 }
 
 pub(crate) fn describe(

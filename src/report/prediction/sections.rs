@@ -1,4 +1,4 @@
-//! The page of a prediction.
+//! The report of a prediction.
 
 use super::{Document, SensorDocument};
 use crate::report::chart::number;
@@ -9,16 +9,58 @@ use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 
+/// What the pictures of a page show.
+pub(crate) struct Pictures<'a> {
+    pub scanner: &'a Scanner<'a>,
+    pub coverage: &'a Coverage,
+    pub observable: &'a [usize],
+    pub origin: LocalOrigin,
+}
+
 /// What the rig will see, and what it will not.
-pub(crate) fn page(
-    document: &Document,
-    scanner: &Scanner<'_>,
-    coverage: &Coverage,
-    observable: &[usize],
-    origin: LocalOrigin,
-    made_by: &str,
-) -> Report {
-    let scene = scanner.scene;
+pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Report {
+    let mut report = Report::new("Predicted coverage", &sentence(document));
+    report.notices(&document.warnings);
+    report.figure("trajectory", format!("{:.2} m", document.trajectory_length_m));
+    let [rays, returns] = [document.rays, document.returns].map(|count| number(count as f64, 0));
+    report.figure(
+        "cast",
+        format!(
+            "{rays} rays, {returns} returns in {:.2} s, with all else {:.2} s",
+            document.wall_s, document.total_s
+        ),
+    );
+    report.figures(document.quality.map(|quality| ("counted", quality.words(false))));
+    let overlap = 100.0 * document.overlap_ratio;
+    report.figure("overlap", format!("{overlap:.2} % of the voxels seen are seen by two sensors or more"));
+    report.figures(document.map.iter().flat_map(|map| map.figures()));
+    report.figures(document.conflicts.figures());
+    if let Some(pictures) = pictures {
+        orbit_view(&mut report, document, pictures);
+    }
+    sensors(&mut report, document);
+    surface(&mut report, document);
+    baselines(&mut report, document);
+    if let Some(pictures) = pictures {
+        who_saw_what(&mut report, document, pictures);
+    }
+    report.detail("Largest blind spots");
+    figures::blind_spot_table(&mut report, &document.blind_spots, document.grid.voxel_m);
+    if let Some(omissions) = &document.left_out {
+        report.heading("What the model leaves out");
+        omissions.iter().for_each(|omission| report.note(format!("{}.", omission.words())));
+    }
+    let path = &document.registration;
+    figures::registration_section(
+        &mut report,
+        path.registration.as_ref(),
+        "distance travelled, m",
+        path.least_translation(),
+    );
+    report
+}
+
+fn sentence(document: &Document) -> String {
     let count = |count: u64| number(count as f64, 0);
     let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
@@ -29,62 +71,32 @@ pub(crate) fn page(
             seen.gain_words()
         )
     });
-    let summary = format!(
+    format!(
         "{} sensors will see {} of {} voxels of {} m that are observable from the trajectory ({share:.1} %){gain}.",
         document.sensors.len(),
         count(document.unique_voxels),
         count(document.reachable_voxels),
-        coverage.grid().voxel_m,
-    );
-    let mut report = Report::new("Predicted coverage", &summary, made_by);
-    for warning in &document.warnings {
-        report.paragraph(warning);
-    }
-    if let Some(quality) = document.quality {
-        report.paragraph(&format!("Counted: {}.", quality.words(false)));
-    }
-    for pair in &document.conflicts.violations {
-        report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
-    }
-    for pair in &document.conflicts.touching {
-        report.paragraph(&format!("Cannot be built: {pair}."));
-    }
+        document.grid.voxel_m,
+    )
+}
+
+fn orbit_view(report: &mut Report, document: &Document, pictures: &Pictures<'_>) {
+    let Pictures { scanner, coverage, observable, origin } = pictures;
     let solids = scanner.operator();
     let orbit = orbit::seen(
-        scene,
+        scanner.scene,
         scanner.trajectory,
         (scanner.rig, &solids),
         coverage.grid().voxel_m,
         figures::who_covers_each(coverage, observable),
         &document.blind_spots,
-        origin,
+        *origin,
     );
     report.orbit(
         orbit,
         "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that could be seen \
          from the path and are not.",
     );
-    sensors(&mut report, document);
-    surface(&mut report, document);
-    if let Some(map) = &document.map {
-        report.heading("The map");
-        report.paragraph(&map.line());
-    }
-    baselines(&mut report, document);
-    pictures(&mut report, document, scanner, coverage, observable, origin);
-    figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
-    if let Some(omissions) = &document.left_out {
-        report.heading("What the model leaves out");
-        omissions.iter().for_each(|omission| report.paragraph(&format!("{}.", omission.words())));
-    }
-    let path = &document.registration;
-    figures::registration_section(
-        &mut report,
-        path.registration.as_ref(),
-        "distance travelled, m",
-        path.least_translation(),
-    );
-    report
 }
 
 fn sensors(report: &mut Report, document: &Document) {
@@ -101,29 +113,21 @@ fn sensors(report: &mut Report, document: &Document) {
             count(sensor.unique_voxels),
         ]
     };
-    let rows: Vec<_> = document.sensors.iter().map(row).collect();
-    report.table(&["sensor", "model", "columns", "rays", "returns", "voxels", "alone"], &rows);
-    report.paragraph(&format!(
-        "{:.2} % of the voxels seen are seen by two sensors or more.",
-        100.0 * document.overlap_ratio
-    ));
+    let rows = document.sensors.iter().map(row).collect();
+    report.table(&["sensor", "model", "columns", "rays", "returns", "voxels", "alone"], rows);
 }
 
 fn surface(report: &mut Report, document: &Document) {
     let Some(surface) = &document.surface else { return };
     report.heading("Completeness of the surface");
-    let mut row = vec!["the rig".to_owned()];
-    row.extend(surface.shares.percent());
-    let mut rows = vec![row];
-    for (name, shares) in document.baselines.iter().flat_map(SceneBaselines::shares) {
-        rows.push(std::iter::once(name).chain(shares.percent()).collect());
-    }
-    report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
-    report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
-    report.paragraph(&format!(
-        "{:.2} % of the surface is observable from the trajectory.",
-        100.0 * surface.observable_share
-    ));
+    report.figures(surface.mesh.figures());
+    let observable = 100.0 * surface.observable_share;
+    let samples = number(surface.samples as f64, 0);
+    report.figure("observable", format!("{observable:.2} % of {samples} samples of the surface"));
+    let rig = ("the rig".to_owned(), &surface.shares);
+    let all = std::iter::once(rig).chain(document.baselines.iter().flat_map(SceneBaselines::shares));
+    let rows = all.map(|(name, shares)| std::iter::once(name).chain(shares.percent()).collect()).collect();
+    report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], rows);
 }
 
 fn baselines(report: &mut Report, document: &Document) {
@@ -139,24 +143,18 @@ fn baselines(report: &mut Report, document: &Document) {
             single.seen.gain_words(),
         ]
     });
-    let rows: Vec<_> = std::iter::once(rig.to_vec()).chain(single).collect();
+    let rows = std::iter::once(rig.to_vec()).chain(single).collect();
     let words = baselines.rays_words();
     let header = [words.as_str(), "model", "pitch, deg", "voxels seen", "the rig sees more"];
     let y_label = match document.surface {
         Some(_) => "share covered on some revolutions",
         None => "voxels seen on some revolutions",
     };
-    figures::baselines_section(report, &baselines.singles, &header, &rows, y_label, None);
+    figures::baselines_section(report, &baselines.singles, &header, rows, y_label, None);
 }
 
-fn pictures(
-    report: &mut Report,
-    document: &Document,
-    scanner: &Scanner<'_>,
-    coverage: &Coverage,
-    observable: &[usize],
-    origin: LocalOrigin,
-) {
+fn who_saw_what(report: &mut Report, document: &Document, pictures: &Pictures<'_>) {
+    let Pictures { scanner, coverage, observable, origin } = pictures;
     let scene = scanner.scene;
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "observable, but unseen");
@@ -168,11 +166,10 @@ fn pictures(
             &classes,
             "The room unfolded: floor and ceiling seen from above with world x up the page, walls from inside.",
         );
-        report.heading("Blind spots");
         return;
     }
     let above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
-    let mut above = above.around(origin).with_rig(scanner.trajectory, scanner.rig);
+    let mut above = above.around(*origin).with_rig(scanner.trajectory, scanner.rig);
     figures::who_covers_each(coverage, observable).for_each(|(place_m, class)| above.add(place_m, class));
     figures::from_above(report, &above, &classes, "surface");
 }
