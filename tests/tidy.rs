@@ -12,6 +12,7 @@ pub const CASES: &[Case] = &[
     case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
     case("no_verb_imports_a_verb", no_verb_imports_a_verb),
     case("few_files_know_the_published_experiment", few_files_know_the_published_experiment),
+    case("verbs_print_reports", verbs_print_reports),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
     case("names_and_messages_use_the_glossary", names_and_messages_use_the_glossary),
     case("no_path_of_one_machine", no_path_of_one_machine),
@@ -93,6 +94,20 @@ fn few_files_know_the_published_experiment() {
     let mut know: Vec<_> = rust_files(&source).into_iter().filter(|file| !is_inside(file)).collect();
     know.retain(imports);
     assert!((1..=5).contains(&know.len()), "{know:?}");
+}
+
+/// A result is written once, as a report, which is text and page; what goes on for long or is no result prints lines.
+fn verbs_print_reports() {
+    const OTHERS: [&str; 6] =
+        ["output.rs", "manual.rs", "rig.rs", "rig/watch.rs", "daemon/serve.rs", "record/conclude.rs"];
+    let folder = root().join("src/commands");
+    let prints = |file: &PathBuf| {
+        let text = std::fs::read_to_string(file).unwrap();
+        ["print_text(", "print_json("].iter().any(|call| text.contains(call))
+    };
+    let mut printing: Vec<_> = rust_files(&folder).into_iter().filter(prints).collect();
+    printing.retain(|file| !OTHERS.iter().any(|other| *file == folder.join(other)));
+    assert!(printing.is_empty(), "call print_result with a report: {printing:?}");
 }
 
 /// A path may lead to a pipe that nobody writes to or a device that never ends: `src/files.rs` has what refuses them.

@@ -22,6 +22,7 @@ impl Report {
             Some(verdict) => verdict.html(&title),
             None => format!("<h1>{title}</h1>"),
         };
+        let label = verdict.as_ref().map_or(String::new(), |verdict| format!("{}: ", verdict.label));
         let body: String = sections.iter().map(Section::html).collect();
         let viewer = match body.contains("<figure class=\"orbit\">") {
             true => {
@@ -33,7 +34,7 @@ impl Report {
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <title>{title}</title><style>{STYLE}</style></head><body><main>{opening}<p class=\"summary\">{summary}</p>{body}\
+             <title>{title}</title><style>{STYLE}</style></head><body><main>{opening}<p class=\"summary\">{label}{summary}</p>{body}\
              </main><footer><p>Outrigger {}, {}. Made by <code id=\"command\">{}</code> \
              <button type=\"button\" id=\"copy\">Copy</button></p></footer>{viewer}<script>{SCRIPT}</script></body></html>\n",
             env!("CARGO_PKG_VERSION"),
@@ -65,6 +66,9 @@ impl Section {
             heading => format!("<h2>{}</h2>", escape(heading)),
         };
         let blocks: String = self.blocks.iter().map(Block::html).collect();
+        if blocks.is_empty() {
+            return blocks;
+        }
         match &self.depth {
             Depth::Folded(note) => format!(
                 "<details><summary>{heading} <span class=\"note\">{}</span></summary>{blocks}</details>",

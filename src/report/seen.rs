@@ -18,7 +18,7 @@ pub(crate) struct Document {
     /// J.
     pub objective: f64,
     pub unique_voxels: u64,
-    /// Voxels that can be seen from the trajectory.
+    /// Voxels that can be seen from the trajectory, and no fewer than are seen.
     pub reachable_voxels: u64,
     pub overlap_voxels: u64,
     pub overlap_ratio: f64,

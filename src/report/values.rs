@@ -18,7 +18,7 @@ pub(crate) fn interval(ends: Option<[f64; 2]>) -> String {
 /// A value and half of its 95 % interval.
 pub(crate) fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
     estimate
-        .map_or("-".into(), |known| format!("{} +- {:.decimals$}", signed(known.value, decimals), known.u95))
+        .map_or("-".into(), |known| format!("{} ± {:.decimals$}", signed(known.value, decimals), known.u95))
 }
 
 /// A p value: none is nothing.

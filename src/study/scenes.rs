@@ -336,7 +336,7 @@ fn recommend(sensor: &str, places: &[Place]) -> (String, Claim) {
         gains.iter().copied().fold(f64::NEG_INFINITY, f64::max),
     ];
     let words = format!(
-        "{sensor}: a pair at +-{:.0} degrees ({low:.0} to {high:.0} are as good) sees at least {:.1} % of every scene's best, and \
+        "{sensor}: a pair at ±{:.0} degrees ({low:.0} to {high:.0} are as good) sees at least {:.1} % of every scene's best, and \
          {} to {} more than the best single sensor.",
         all[0].pitches_deg[pitch],
         100.0 * least,

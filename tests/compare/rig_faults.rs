@@ -205,7 +205,7 @@ pub fn a_rolled_or_shifted_sensor_is_named() {
     faulty("rolled.json", &|right| right.roll_deg = 2.0);
     faulty("shifted.json", &|right| right.y_m = -0.08);
     let corrected = recorded.path("corrected.json");
-    for (mount, words) in [("rolled.json", "right is rolled -2.0"), ("shifted.json", "right sits +80 +- ")] {
+    for (mount, words) in [("rolled.json", "right is rolled -2.0"), ("shifted.json", "right sits +80 ± ")] {
         let (code, document) = recorded.judged(mount, &["--corrected-mount", corrected.to_str().unwrap()]);
         assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("differs")), "{mount}");
         let said = document["words"].to_string();

@@ -41,7 +41,7 @@ pub(super) fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: pitch {} +- {:.3} degrees (95 %) from nominal, {}{}",
+            "{first} against {second}: pitch {} ± {:.3} degrees (95 %) from nominal, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
             values::p_value(tilt.p_value),

@@ -79,14 +79,14 @@ pub(super) fn write(
 pub(super) fn conclude(
     args: &Args,
     context: Context,
-    (document, report): (&Document, &Report),
+    (document, mut report): (&Document, Report),
     whole: bool,
 ) -> anyhow::Result<Outcome> {
-    output::print_result(context.json, document, report, &[])?;
-    if let Some(out) = args.out.as_ref().filter(|_| !context.json) {
-        output::print_text(&format!("{}\n", out.join("report.html").display()))?;
+    if let Some(out) = &args.out {
+        report.heading("");
+        report.note(out.join("report.html").display().to_string());
     }
-    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    output::print_result(context.json, document, &report, &document.problems)?;
     let matches = document.comparison.verdict == Verdict::Matches;
     Ok(if matches && whole { Outcome::Done } else { Outcome::DataLost })
 }

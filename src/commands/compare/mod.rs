@@ -125,7 +125,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let written = write(args, (&document, &report), recorded.mount);
     // a disk that is full by now takes the files, not what was found
     let outcome =
-        conclude(args, context, (&document, &report), pass.losses.is_empty() && !place.is_misplaced)?;
+        conclude(args, context, (&document, report), pass.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
 }
 

@@ -11,12 +11,11 @@ use crate::verify::judgement::comparison::Verdict;
 pub(super) fn conclude(
     out: &Path,
     context: Context,
-    (document, report): (&Document, &Report),
+    (document, mut report): (&Document, Report),
 ) -> anyhow::Result<Outcome> {
-    output::print_result(context.json, document, report, &document.problems)?;
-    if !context.json {
-        output::print_text(&format!("{}\n", out.join(REPORT_HTML).display()))?;
-    }
+    report.heading("");
+    report.note(out.join(REPORT_HTML).display().to_string());
+    output::print_result(context.json, document, &report, &document.problems)?;
     let fine = document.problems.is_empty() && document.compare.verdict == Verdict::Matches;
     Ok(if fine { Outcome::Done } else { Outcome::DataLost })
 }

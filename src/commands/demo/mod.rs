@@ -108,7 +108,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     report.write(&html, &document.command).with_context(|| format!("cannot write {}", html.display()))?;
     document.wall_s = progress.finish();
     write_json(&json, &document).with_context(|| format!("cannot write {}", json.display()))?;
-    conclude::conclude(&args.out, context, (&document, &report))
+    conclude::conclude(&args.out, context, (&document, report))
 }
 
 fn again(args: &Args) -> String {

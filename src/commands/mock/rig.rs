@@ -9,6 +9,7 @@ use crate::commands::{Context, Outcome, ensure_consistent, output, signals};
 use crate::mock::Device;
 use crate::mock::bus_servos::{Make, MockServos};
 use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, ScheduledFault, run_on_can};
+use crate::report::Report;
 
 /// Arguments of `mock rig`.
 #[derive(clap::Args, Debug)]
@@ -88,11 +89,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 }
 
 fn say_port(port: &str, context: Context) -> anyhow::Result<()> {
-    if context.json {
-        output::print_json(&serde_json::json!({ "port": port }))
-    } else {
-        output::print_text(&format!("{port}\n"))
-    }
+    let report = Report::new("A mock rig", port);
+    output::print_result(context.json, &serde_json::json!({ "port": port }), &report, &[])
 }
 
 fn on_can(

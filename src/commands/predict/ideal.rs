@@ -93,7 +93,7 @@ pub fn run(
     let notices = units.iter().filter_map(|unit| unit.notice.clone());
     let scored = Scored {
         terms: weights.terms(rig, &Seen::exact(&counts, rays)),
-        reachable_voxels: weights.observable,
+        reachable_voxels: weights.observable.max(counts.union),
         min_angle_deg: angle_deg(rig),
         rays,
         origin: loaded.origin,

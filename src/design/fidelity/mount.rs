@@ -59,7 +59,7 @@ impl MountFidelity {
     pub(crate) fn verdicts(&self) -> Vec<(&'static str, String)> {
         let Settled { judged, within_tolerance, rays, .. } = &self.settled;
         let converged = format!(
-            "J {} +- {} ({} % asked, {}), up to {}, {} rays",
+            "J {} ± {} ({} % asked, {}), up to {}, {} rays",
             number(judged.value, 0),
             number(judged.bound, 0),
             number(100.0 * self.tolerance, 2),

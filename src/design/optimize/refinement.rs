@@ -134,7 +134,7 @@ fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
 impl Refinement {
     pub(crate) fn verdicts(&self) -> [(&'static str, String); 2] {
         let judged = format!(
-            "J {} +- {} ({}); {} mounts looked at again, {} may be as good, {} rays",
+            "J {} ± {} ({}); {} mounts looked at again, {} may be as good, {} rays",
             number(self.judged.value, 0),
             number(self.judged.bound, 0),
             self.level_name,

@@ -93,7 +93,8 @@ pub(crate) fn in_figures(report: &mut Report, comparison: &Comparison) {
     }
     for mut row in tilt_rows(comparison) {
         let sensor = row.remove(0);
-        report.figure(&format!("pitch of {sensor}"), row.join("  ").trim_end());
+        row.retain(|words| !words.is_empty());
+        report.figure(&format!("pitch of {sensor}"), row.join(", "));
     }
 }
 

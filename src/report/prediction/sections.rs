@@ -47,7 +47,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     report.detail("Largest blind spots");
     figures::blind_spot_table(&mut report, &document.blind_spots, document.grid.voxel_m);
     if let Some(omissions) = &document.left_out {
-        report.heading("What the model leaves out");
+        report.heading("Not modelled");
         omissions.iter().for_each(|omission| report.note(format!("{}.", omission.words())));
     }
     let path = &document.registration;

@@ -171,8 +171,8 @@ impl Document {
     /// The answer in one sentence.
     fn sentence(&self) -> String {
         let (name, present) = match &self.answer.present {
-            Some(present) => ("your present mount", present),
-            None => ("the level mount", &self.answer.level),
+            Some(present) => ("Your present mount", present),
+            None => ("The level mount", &self.answer.level),
         };
         let most = self.best.error_bound.map_or(String::new(), |bound| {
             let most = self.best.judged.observable_share + bound / self.reachable_voxels.max(1) as f64;
@@ -183,7 +183,7 @@ impl Document {
             )
         });
         format!(
-            "{name} sees {} of what can be seen, the best found {}{most}",
+            "{name} sees {} of what can be seen, the best found {}{most}.",
             self.percent(present),
             self.percent(&self.best.judged)
         )

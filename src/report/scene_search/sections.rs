@@ -115,7 +115,7 @@ fn seen(share: f64, voxels: u64, overlap: Option<f64>, objective: f64) -> Vec<St
 }
 
 fn mounts(report: &mut Report, document: &Document) {
-    report.heading("The mounts");
+    report.heading("What mounts see");
     let row = |(name, judged): (&str, &Judged)| {
         let Judged { observable_share, unique_voxels, overlap_ratio, objective, .. } = judged;
         let seen = seen(*observable_share, *unique_voxels, Some(*overlap_ratio), *objective);
@@ -133,6 +133,7 @@ fn mounts(report: &mut Report, document: &Document) {
         report.table(&["mount and site", "seen", "voxels", "overlap", "J"], rows);
         report.note(format!("{line}."));
     }
+    report.heading("The best mount");
     let row = |sensor: &SensorEntry| {
         let position_m = [sensor.x_m, sensor.y_m, sensor.z_m].map(|value| number(value, 4));
         let angles_deg = [sensor.pitch_deg, sensor.roll_deg].map(|value| number(value, 3));

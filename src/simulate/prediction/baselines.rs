@@ -73,7 +73,7 @@ impl SceneBaselines {
 impl SinglePrediction {
     /// In words: how much more the rig sees.
     pub(crate) fn gain_words(&self) -> String {
-        format!("{:+} +- {:.0}", self.gain_voxels, self.gain_sd_voxels)
+        format!("{:+} ± {:.0}", self.gain_voxels, self.gain_sd_voxels)
     }
 }
 

@@ -80,7 +80,7 @@ pub(crate) fn omissions(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<Omission
     }
     if !scanner.occluders.iter().flatten().any(is_operator) {
         all.push(Omission {
-            what: "who carries the rig".into(),
+            what: "operator".into(),
             worth: None,
             why: "position unknown; --operator models them".into(),
         });

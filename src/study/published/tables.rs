@@ -179,7 +179,7 @@ pub(crate) fn pitches_deg(rows: &[&Row]) -> Vec<f64> {
 pub(crate) fn lambda(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "lambda",
-        "The price of a sensor, +-20 %",
+        "The price of a sensor, ±20 %",
         "Published: two sensors at every price; OS1-64 pitch unchanged at 25.23 degrees, VLP-16 within 4.34 degrees. As \
          published is Bayesian optimization with its rule of stopping, converged the default method.",
         &[

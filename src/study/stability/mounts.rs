@@ -10,7 +10,7 @@ use crate::study::StudyError;
 pub(super) const CASES: &[Case] = &[
     Case {
         name: "mounts on their side",
-        about: "pitch of +-90 degrees: beams parallel to the walls' axes",
+        about: "pitch of ±90 degrees: beams parallel to the walls' axes",
         measure: on_their_side,
     },
     Case {

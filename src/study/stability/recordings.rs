@@ -352,7 +352,7 @@ fn encoder_offset(_quick: bool) -> Result<Measured, StudyError> {
         .iter()
         .zip(&sensor.rotation_deg)
         .filter_map(|(name, turn)| {
-            turn.map(|turn| format!("{name} {:.3} +- {:.3} degrees", turn.value, turn.u95))
+            turn.map(|turn| format!("{name} {:.3} ± {:.3} degrees", turn.value, turn.u95))
         })
         .collect();
     Ok(Measured::judge(

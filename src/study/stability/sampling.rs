@@ -78,7 +78,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
     let points =
         pitches.iter().zip(seen.iter().zip(&truth)).map(|(pitch, (a, b))| [*pitch, 100.0 * (a - b) / b]);
     let says = format!(
-        "--fidelity auto: {} degrees, which loses {:.3} %, J {:.0} +- {:.0}",
+        "--fidelity auto: {} degrees, which loses {:.3} %, J {:.0} ± {:.0}",
         pitches[auto],
         regret(auto),
         ranking.judged[auto].value,

@@ -69,7 +69,7 @@ fn level_in_a_room(_quick: bool) -> Result<Measured, StudyError> {
         0.0,
         "below 0.003 a registration drifts along the weakest direction",
     )
-    .happens(format!("least eigenvalue {level:.4} level, {tilted:.3} for a pair at +-38 degrees"))
+    .happens(format!("least eigenvalue {level:.4} level, {tilted:.3} for a pair at ±38 degrees"))
     .says(Some(says).filter(|says| !says.is_empty())))
 }
 
@@ -113,7 +113,7 @@ fn mount_check(scene: Scene, walk: &Trajectory, tells: u8) -> Result<Measured, S
     )
     .happens(match found_deg {
         Some(found) => {
-            format!("{found:.3} degrees +- {:.3} are found; {agree}", sensor.u95_deg.unwrap_or(f64::NAN))
+            format!("{found:.3} degrees ± {:.3} are found; {agree}", sensor.u95_deg.unwrap_or(f64::NAN))
         }
         None => format!("no angle is given; {agree}"),
     })

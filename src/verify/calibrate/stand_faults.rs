@@ -52,7 +52,7 @@ impl StandTest {
             faults.push(turning(&scale));
         }
         if let Some(play) = self.play_deg.filter(|play| is_off(play, play.value.abs())) {
-            faults.push(format!("{:.2} +- {:.2} degrees of play behind its reading", play.value, play.u95));
+            faults.push(format!("{:.2} ± {:.2} degrees of play behind its reading", play.value, play.u95));
         }
         if let (Some(off_deg), Some(sd_deg)) = (self.axis_off_deg, self.axis_sd_deg)
             && off_deg > (SURE * sd_deg).max(NOTABLE_DEG)
@@ -77,7 +77,7 @@ fn is_off(found: &Estimate, in_degrees: f64) -> bool {
 
 /// By how much a sensor turns that does not turn as its axis measures.
 fn turning(scale: &Estimate) -> String {
-    let turns = format!("turns {:.4} +- {:.4} degrees for each that", 1.0 + scale.value, scale.u95);
+    let turns = format!("turns {:.4} ± {:.4} degrees for each that", 1.0 + scale.value, scale.u95);
     if (1.0 + scale.value).abs() < STANDS {
         return format!(
             "{turns} its axis measures: it does not turn with this axis (are the sensors of the mount file in the order \

@@ -32,19 +32,19 @@ pub(crate) fn off_its_slot(check: &SensorCheck) -> Vec<String> {
     if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
         && matters(tilt, u95, TILT_MATTERS_DEG, p_value, TILT_P)
     {
-        words.push(format!("{sensor} is tilted {tilt:+.2} +- {u95:.2} degrees from its nominal mount"));
+        words.push(format!("{sensor} is tilted {tilt:+.2} ± {u95:.2} degrees from its nominal mount"));
     }
     let [roll, _, yaw] = check.rotation_deg;
     for (turn, what) in [(roll, "rolled"), (yaw, "turned about the vertical by")] {
         if let Some(turn) = turn.filter(|t| matters(t.value, t.u95, TILT_MATTERS_DEG, t.p_value, TURN_P)) {
             let (value, u95) = (turn.value, turn.u95);
-            words.push(format!("{sensor} is {what} {value:+.2} +- {u95:.2} degrees from its nominal mount"));
+            words.push(format!("{sensor} is {what} {value:+.2} ± {u95:.2} degrees from its nominal mount"));
         }
     }
     for (shift, axis) in check.translation_mm.iter().zip(["right", "ahead", "up"]) {
         if let Some(shift) = shift.filter(shift_matters) {
             words.push(format!(
-                "{sensor} sits {:+.0} +- {:.0} mm {axis} of its nominal mount",
+                "{sensor} sits {:+.0} ± {:.0} mm {axis} of its nominal mount",
                 shift.value, shift.u95
             ));
         }
@@ -81,7 +81,7 @@ pub(crate) fn off(comparison: &Comparison) -> Vec<String> {
     {
         let [first, second] = &relative.sensors;
         words.push(format!(
-            "{first} against {second}: {:+.3} +- {:.3} degrees of pitch above nominal",
+            "{first} against {second}: {:+.3} ± {:.3} degrees of pitch above nominal",
             relative.error_deg, relative.u95_deg
         ));
     }
@@ -93,7 +93,7 @@ pub(crate) fn off_in_range(check: &SensorCheck) -> Option<String> {
     let offset = check.range_offset_mm?;
     matters(offset.value, offset.u95, 0.5 * SHIFT_MATTERS_MM, offset.p_value, TURN_P).then(|| {
         let what = if offset.value > 0.0 { "long" } else { "short" };
-        format!("{}: ranges are {:.0} +- {:.0} mm too {what}", check.sensor, offset.value.abs(), offset.u95)
+        format!("{}: ranges are {:.0} ± {:.0} mm too {what}", check.sensor, offset.value.abs(), offset.u95)
     })
 }
 

@@ -51,7 +51,7 @@ impl ZeroOffer {
             );
         }
         format!(
-            "the axis of {sensor} measured {measured} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not \
+            "the axis of {sensor} measured {measured} deg and the sensor sat at {}: its zero wants {} ± {:.3} deg (offered, not \
              applied: --axis-zero {}={} compares with it)",
             signed(self.measured_deg + self.add_deg, 3),
             signed(self.add_deg, 3),

@@ -95,7 +95,7 @@ impl WalkSite {
         }
         if matches!(spec.time_offset, Offset::Search) {
             let found = search_time_offset(recorded, &place.scene, &place.trajectory, time_offset_ns)?;
-            let words = format!("time offset found: {:.4} s +- {:.4} s (95 %)", found.seconds, found.u95_s);
+            let words = format!("time offset found: {:.4} s ± {:.4} s (95 %)", found.seconds, found.u95_s);
             place.notices.push(words);
             place.time_offset_ns = (found.seconds * 1e9).round() as i64;
             place.time_offset = Some(found);
