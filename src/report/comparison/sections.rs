@@ -1,24 +1,13 @@
 //! The report of a comparison.
 
+use super::Pictures;
 use super::maps::difference_maps;
 use super::rays::rays_section;
 use crate::report::chart::{decimals_of, number, signed};
 use crate::report::values::{estimate, figure, interval, p_value, percent};
 use crate::report::{Report, compared, orbit};
-use crate::verify::compare::{Agreement, CoverageCounts, Replayed};
+use crate::verify::compare::{Agreement, CoverageCounts};
 use crate::verify::judgement::comparison::{Comparison, Measured};
-use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::Scene;
-use crate::world::trajectory::Trajectory;
-
-/// What the pictures of a page show.
-pub(crate) struct Pictures<'a> {
-    pub replayed: &'a Replayed,
-    pub scene: &'a Scene,
-    pub trajectory: &'a Trajectory,
-    pub agree_within_m: f64,
-    pub origin: LocalOrigin,
-}
 
 /// Verdict, findings and figures; with the recording on its scene and what one may want to know, for a page.
 pub(crate) fn report(

@@ -10,7 +10,7 @@ use crate::world::coverage::Coverage;
 pub(crate) fn report(document: &Document, pictured: Option<&Coverage>) -> Report {
     let evaluation = &document.evaluation;
     let mut report = Report::new(&format!("Score in {}", document.preset), &sentence(document));
-    report.figure("experiment", format!("{}, path {}", document.preset, document.path.name()));
+    report.figure("path", document.path.name());
     let (columns, poses) = (document.azimuths, document.sub_poses);
     let rays = number(evaluation.rays as f64, 0);
     report.figure(
@@ -60,11 +60,12 @@ fn sentence(document: &Document) -> String {
         format!(", {gain} more than the best single sensor")
     });
     format!(
-        "J = {}: {} sensors see {} of {} voxels that can be hit ({share:.1} %){gain}.",
-        number(evaluation.objective, 2),
+        "{}: {} sensors see {} of {} voxels that can be hit ({share:.1} %){gain}; J = {}.",
+        document.preset,
         evaluation.sensors,
         number(evaluation.unique_voxels as f64, 0),
         number(evaluation.reachable_voxels as f64, 0),
+        number(evaluation.objective, 2),
     )
 }
 

@@ -20,7 +20,8 @@ pub(crate) fn report(document: &Document, file: &MountFile, pictures: Option<&Pi
     let mut report = Report::new(
         &format!("Mounts for {}", document.preset),
         &format!(
-            "{} sensors see {} of {} voxels that can be hit. Searched by {}; J = {}, {}.",
+            "{}: {} sensors see {} of {} voxels that can be hit. Searched by {}; J = {}, {}.",
+            document.preset,
             evaluation.sensors,
             number(evaluation.unique_voxels as f64, 0),
             number(evaluation.reachable_voxels as f64, 0),
@@ -29,7 +30,7 @@ pub(crate) fn report(document: &Document, file: &MountFile, pictures: Option<&Pi
             document.found_at()
         ),
     );
-    report.figure("experiment", format!("{}, path {}", document.preset, document.path.name()));
+    report.figure("path", document.path.name());
     report.figure("overlap", format!("{:.2} % of the voxels seen", 100.0 * evaluation.overlap_ratio));
     report.figures(document.verdicts());
     if let Some(Pictures { objective, rig, coverage }) = pictures {

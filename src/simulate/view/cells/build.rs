@@ -52,7 +52,7 @@ pub(super) fn build(
     let map = SphereMap::new(plan.step_rad);
     let places: Vec<(DMat3, DVec3)> = plan.places(site, scans);
     // by height, then by place
-    let views: Vec<Vec<Record>> = (0..heights_m.len() * places.len())
+    let mut views: Vec<Vec<Record>> = (0..heights_m.len() * places.len())
         .into_par_iter()
         .map_init(Patches::default, |patches, at| {
             let eye_m = DVec3::Z * heights_m[at / places.len()];
@@ -63,11 +63,8 @@ pub(super) fn build(
     if numbering.count() == 0 {
         return Err(nothing_visible(site));
     }
-    let pack = |views: &[Vec<Record>]| {
-        let number = |record: &Record| Record { cell: numbering.of(record.cell), ..*record };
-        Layer::pack(views.iter().flatten().map(number), numbering.count())
-    };
-    let layers: Vec<Layer> = views.par_chunks(places.len()).map(pack).collect();
+    let by_height: Vec<_> = heights_m.iter().map(|_| views.drain(..places.len()).collect()).collect();
+    let layers: Vec<Layer> = by_height.into_par_iter().map(|views| Layer::pack(views, &numbering)).collect();
     let bytes = layers.iter().map(Layer::bytes).sum();
     let cost = BuildCost {
         views: places.len() as u64,

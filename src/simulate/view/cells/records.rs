@@ -1,5 +1,7 @@
 //! What is stored of each view of a voxel, 16 to a block, and where a voxel's blocks lie.
 
+use super::numbering::Numbering;
+
 /// Records of a block.
 pub(super) const WIDTH: usize = 16;
 
@@ -41,15 +43,24 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Packs records with voxels numbered in a list of `voxels`; the widest first, so that most searches end with them.
-    pub(crate) fn pack(records: impl Iterator<Item = Record> + Clone, voxels: usize) -> Self {
+    /// Packs the records of views, their voxels numbered in a list; the widest first, so that most searches end with them.
+    pub(crate) fn pack(views: Vec<Vec<Record>>, numbering: &Numbering) -> Self {
+        let voxels = numbering.count();
+        let numbered = |record: &Record| Record { cell: numbering.of(record.cell), ..*record };
+        let records = views.iter().flatten().map(numbered);
         let max = |value: fn(Record) -> f32| records.clone().map(value).fold(1e-3_f32, f32::max);
         let reach_m = max(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
         let step_m = reach_m / f32::from(i16::MAX);
         let width_step_m = max(|record| record.width_m) / f32::from(u16::MAX);
         let by_voxel = by_voxel(records, voxels);
-        let mut layer =
-            Self { starts: Vec::with_capacity(voxels + 1), blocks: Vec::new(), step_m, width_step_m };
+        drop(views); // before the blocks take their memory
+        let blocks = by_voxel.chunk_by(is_same_voxel).map(|own| own.len().div_ceil(WIDTH)).sum();
+        let mut layer = Self {
+            starts: Vec::with_capacity(voxels + 1),
+            blocks: Vec::with_capacity(blocks),
+            step_m,
+            width_step_m,
+        };
         let mut rest = by_voxel.as_slice();
         for voxel in 0..voxels as u32 {
             layer.starts.push(layer.blocks.len() as u32);
@@ -77,6 +88,10 @@ impl Layer {
     }
 }
 
+fn is_same_voxel(a: &Record, b: &Record) -> bool {
+    a.cell == b.cell
+}
+
 /// Records by voxel, and of each voxel the widest first.
 fn by_voxel(records: impl Iterator<Item = Record> + Clone, voxels: usize) -> Vec<Record> {
     let mut ends = vec![0_usize; voxels + 1];
@@ -90,7 +105,6 @@ fn by_voxel(records: impl Iterator<Item = Record> + Clone, voxels: usize) -> Vec
         sorted[*end] = record;
         *end += 1;
     }
-    let same_voxel = |a: &Record, b: &Record| a.cell == b.cell;
-    sorted.chunk_by_mut(same_voxel).for_each(|own| own.sort_by(|a, b| b.width_m.total_cmp(&a.width_m)));
+    sorted.chunk_by_mut(is_same_voxel).for_each(|own| own.sort_by(|a, b| b.width_m.total_cmp(&a.width_m)));
     sorted
 }
