@@ -76,7 +76,7 @@ pub struct Cli {
     /// Print help with every flag, those of experts too.
     #[arg(long, global = true, action = ArgAction::HelpLong)]
     help_all: Option<bool>,
-    /// Print what the program is at, step by step, on stderr.
+    /// Print what the program is at, step by step, on stderr, and the details of a result.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
     /// Print errors only on stderr: no progress, no notes.

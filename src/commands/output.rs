@@ -101,7 +101,7 @@ fn without_repetition(error: &anyhow::Error) -> String {
 
 /// The command line of this run, for a shell, with the environment that speaks into it.
 pub(crate) fn again() -> String {
-    const ABOUT_THE_RUN: [&str; 2] = ["OUTRIGGER_JSON", "OUTRIGGER_SHARED"];
+    const ABOUT_THE_RUN: [&str; 3] = ["OUTRIGGER_JSON", "OUTRIGGER_SHARED", "OUTRIGGER_STATISTICS"];
     let environment = std::env::vars_os().filter_map(|(name, value)| {
         let name = name.into_string().ok().filter(|name| name.starts_with("OUTRIGGER_"))?;
         let is_needed = !ABOUT_THE_RUN.contains(&name.as_str());
