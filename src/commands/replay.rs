@@ -6,8 +6,9 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use anyhow::{bail, ensure};
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount};
 
+use super::stage::spinner;
 use super::{Context, Outcome, output, signals};
 use crate::mock::replay::{ReplaySpec, Target, parse_map, parse_target};
 use crate::mock::transmit::Pace;
@@ -62,10 +63,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     spec.check_ports()?;
     let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
-        bar.set_style(style);
-    }
+    let bar = spinner();
     let show = |packets: u64, bytes: u64| {
         if std::io::stderr().is_terminal() {
             bar.set_message(format!("{} packets, {}", HumanCount(packets), HumanBytes(bytes)));

@@ -36,6 +36,15 @@ pub(crate) fn observer() -> Observer {
 const UNCOUNTED: &str = "{spinner} {elapsed} {wide_msg}";
 const COUNTED: &str = "{bar:24} {percent:>3} %, {eta} left: {wide_msg}";
 
+/// A bar without a known amount of work that others fill in.
+pub(crate) fn spinner() -> ProgressBar {
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template(UNCOUNTED) {
+        bar.set_style(style);
+    }
+    bar
+}
+
 impl Stage {
     /// Begins the first part of the work.
     pub(crate) fn begin(what: impl Into<String>) -> Self {

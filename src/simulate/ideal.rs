@@ -9,7 +9,9 @@ use super::fan::BeamFan;
 use super::scan::{Scanner, Spin};
 use crate::rig::{Mount, Rig};
 use crate::world::scene::Scene;
-use crate::world::surface::{Completeness, MAIN_RANK, ObservableSurface, SurfaceShares, THRESHOLDS_M};
+use crate::world::surface::{
+    Completeness, MAIN_RANK, ObservableSurface, SurfaceSamples, SurfaceShares, THRESHOLDS_M,
+};
 use crate::world::trajectory::Trajectory;
 
 /// Ideal sensors on their mounts, in a scene along a trajectory.
@@ -43,6 +45,12 @@ pub(crate) struct SingleCoverage {
 }
 
 impl IdealSensors {
+    /// Which of these samples have a line of sight from the trajectory.
+    pub(crate) fn observable_surface(&self, samples: SurfaceSamples) -> ObservableSurface {
+        let stations_m = self.trajectory.sight_stations_m(self.rig.mean_height_m());
+        ObservableSurface::new(&self.scene, samples, &stations_m)
+    }
+
     /// What the sensors cover.
     pub(crate) fn cover(&self, surface: &ObservableSurface) -> (IdealCoverage, Completeness) {
         self.cast(&self.mounted_fans().collect::<Vec<_>>(), surface)

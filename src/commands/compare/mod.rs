@@ -11,15 +11,13 @@ use anyhow::Context as _;
 use super::recorded_args::RecordedArgs;
 use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
-use super::{Context, Outcome, output};
+use super::{Context, Outcome};
 use crate::base::files::check_folder;
 use crate::recording::mounted::{MountedRecording, data_gaps};
-use crate::recording::read_trajectory;
 use crate::report::comparison;
-use crate::verify::compare::{Gate, Healthy, Replaying, cover_planned, grid_over, seen_patches};
+use crate::verify::compare::{Gate, Healthy, Replaying, grid_over, seen_patches};
 use crate::verify::judgement::judge::{Inputs, judge};
 use crate::verify::walk::WalkSite;
-use crate::world::coverage::{Coverage, VoxelGrid};
 use document::Document;
 use files::{conclude, unplaced, write};
 use place::PlaceArgs;
@@ -94,7 +92,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let trajectory_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
     pass.faults.extend(data_gaps(rig, &pass.data_spans, trajectory_ns));
-    let planned = planned(args, &place, &recorded, &grid)?;
+    let planned = place::planned(args.planned.as_deref(), &place, &recorded.rig, &grid)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge(
         Inputs {
@@ -127,20 +125,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let outcome =
         conclude(args, context, (&document, report), pass.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
-}
-
-/// What the nominal mounts cover on the planned trajectory.
-fn planned(
-    args: &Args,
-    place: &WalkSite,
-    recorded: &MountedRecording,
-    grid: &VoxelGrid,
-) -> anyhow::Result<Option<Coverage>> {
-    let Some(path) = &args.planned else { return Ok(None) };
-    let (trajectory, notes) = read_trajectory(path, None)?;
-    notes.iter().for_each(|note| output::say_notice(note));
-    let trajectory = place.origin.local_trajectory(trajectory);
-    Ok(Some(cover_planned(&place.scene, &trajectory, &recorded.rig, grid)))
 }
 
 fn check(args: &Args, context: Context) -> anyhow::Result<()> {

@@ -1,14 +1,17 @@
 //! The flags that name the scene and the trajectory.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::commands::odometry_args::OdometryArgs;
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, MapArgs};
-use crate::commands::{Context, ensure_consistent, stage};
-use crate::recording::TrajectorySource;
+use crate::commands::{Context, ensure_consistent, output, stage};
+use crate::recording::{TrajectorySource, read_trajectory};
+use crate::rig::Rig;
 use crate::verify::align::Hint;
-use crate::verify::walk::{Frames, Offset, WalkSiteSpec};
+use crate::verify::compare::cover_planned;
+use crate::verify::walk::{Frames, Offset, WalkSite, WalkSiteSpec};
+use crate::world::coverage::{Coverage, VoxelGrid};
 
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
@@ -100,4 +103,18 @@ pub(super) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
         Some(_) => scene_file::ensure_none_typed(context, "the scene is a room"),
         None => Ok(()),
     }
+}
+
+/// What the nominal mounts cover on the planned trajectory of a file (TUM), where one is given.
+pub(super) fn planned(
+    path: Option<&Path>,
+    site: &WalkSite,
+    rig: &Rig,
+    grid: &VoxelGrid,
+) -> anyhow::Result<Option<Coverage>> {
+    let Some(path) = path else { return Ok(None) };
+    let (trajectory, notes) = read_trajectory(path, None)?;
+    notes.iter().for_each(|note| output::say_notice(note));
+    let trajectory = site.origin.local_trajectory(trajectory);
+    Ok(Some(cover_planned(&site.scene, &trajectory, rig, grid)))
 }

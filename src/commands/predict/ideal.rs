@@ -16,7 +16,7 @@ use crate::rig::{Rig, Unit};
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
 use crate::world::placement::Placement;
-use crate::world::surface::{MAIN_RANK, ObservableSurface, write_flags};
+use crate::world::surface::{Completeness, MAIN_RANK, write_flags};
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -50,10 +50,7 @@ pub fn run(
 ) -> anyhow::Result<Outcome> {
     refuse_unused(context, site.loaded.mesh.is_some())?;
     let start = Instant::now();
-    let sampling = Sampling {
-        scan_stride: args.ideal.scan_stride,
-        ..args.sensing.ideal(args.experiment.of_scene().columns)
-    };
+    let sampling = sampling(args);
     let sensors = sensors(units, rig, &site, &sampling);
     ensure_a_revolution(&sensors, &args.trajectory.name())?;
     let Site { loaded, trajectory, grid } = site;
@@ -68,10 +65,7 @@ pub fn run(
     let (counts, rays) = (coverage.counts(), view.rays(rig));
     stage.next("finding what is observable from the trajectory");
     let weights = SceneWeights::new(args.ideal.weights, view.observable());
-    let surface = samples.map(|samples| {
-        let stations_m = sensors.trajectory.sight_stations_m(sensors.rig.mean_height_m());
-        ObservableSurface::new(&sensors.scene, samples, &stations_m)
-    });
+    let surface = samples.map(|samples| sensors.observable_surface(samples));
     let observable_s = start.elapsed().as_secs_f64();
     stage.next("casting the rays on the samples of the surface");
     let covered = surface.as_ref().map(|surface| sensors.cover(surface));
@@ -79,18 +73,16 @@ pub fn run(
     if args.baselines {
         stage.next("casting single sensors to compare with");
     }
-    let of_surface = surface.as_ref().zip(covered).zip(loaded.mesh);
-    let (surface_document, flags) = of_surface
-        .map(|((surface, (covered, flags)), mesh)| {
-            let start = Instant::now();
-            let baselines = args.baselines.then(|| sensors.baselines(surface, &covered));
-            let times = Times { prepare_s, observable_s, baselines_s: start.elapsed().as_secs_f64() };
-            (SurfaceDocument::new(&sensors, mesh, surface, covered, baselines, times), flags)
-        })
-        .unzip();
+    let of_surface =
+        surface.as_ref().zip(covered).zip(loaded.mesh).map(|((surface, (shares, flags)), mesh)| {
+            let (baselines, baselines_s) =
+                timed(|| args.baselines.then(|| sensors.baselines(surface, &shares)));
+            let times = Times { prepare_s, observable_s, baselines_s };
+            (SurfaceDocument::new(&sensors, mesh, surface, shares, baselines, times), flags)
+        });
+    let (surface_document, flags) = of_surface.unzip();
     drop(stage);
     placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
-    let notices = units.iter().filter_map(|unit| unit.notice.clone());
     let scored = Scored {
         terms: weights.terms(rig, &Seen::exact(&counts, rays)),
         reachable_voxels: weights.observable.max(counts.union),
@@ -99,21 +91,47 @@ pub fn run(
         origin: loaded.origin,
         trajectory_length_m: sensors.trajectory.length_m(),
         quality: sampling.quality.asked(),
-        warnings: notices.chain(loaded.warnings).chain(placement.doubts).collect(),
+        warnings: [notices(units), loaded.warnings, placement.doubts].concat(),
         wall_s,
         surface: surface_document,
     };
     let document = Document::new(rig, &coverage, &counts, &spins(&view, rig), scored);
     let pictured = args.report.as_ref().and(surface.as_ref());
     let pictures = pictured.map(|surface| Pictures::new(&sensors, surface, loaded.origin));
-    let report = report(&document, pictures.as_ref());
-    output::print_result(context.json, &document, &report, &[])?;
+    write(args, context, &document, pictures.as_ref(), flags.as_ref())?;
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+/// The result, and the files that were asked for.
+fn write(
+    args: &Args,
+    context: Context,
+    document: &Document,
+    pictures: Option<&Pictures<'_>>,
+    flags: Option<&Completeness>,
+) -> anyhow::Result<()> {
+    let report = report(document, pictures);
+    output::print_result(context.json, document, &report, &[])?;
     if let (Some(path), Some(flags)) = (&args.ideal.covered_out, flags) {
         let written = write_flags(path, &flags.covered(MAIN_RANK));
         written.with_context(|| path.display().to_string())?;
     }
-    output::write_page(args.report.as_deref(), &report)?;
-    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+    output::write_page(args.report.as_deref(), &report)
+}
+
+fn sampling(args: &Args) -> Sampling {
+    let scan_stride = args.ideal.scan_stride;
+    Sampling { scan_stride, ..args.sensing.ideal(args.experiment.of_scene().columns) }
+}
+
+fn notices(units: &[Unit]) -> Vec<String> {
+    units.iter().filter_map(|unit| unit.notice.clone()).collect()
+}
+
+/// With the seconds that it took.
+fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    (run(), start.elapsed().as_secs_f64())
 }
 
 /// Refuses what has no use for ideal sensors.

@@ -73,17 +73,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     drop(stage);
     doubts.iter().for_each(|doubt| output::say_notice(doubt));
     document.warnings.extend(doubts);
-    let coverage = &prediction.coverage;
-    let pictures = Pictures { scanner: &scanner, coverage, observable: &observable, origin };
-    let report = report(&document, args.report.as_ref().map(|_| &pictures));
-    output::print_result(context.json, &document, &report, &[])?;
+    let pictures =
+        Pictures { scanner: &scanner, coverage: &prediction.coverage, observable: &observable, origin };
+    write(args, context, &document, &pictures)?;
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+/// The result, and the files that were asked for.
+fn write(args: &Args, context: Context, document: &Document, pictures: &Pictures<'_>) -> anyhow::Result<()> {
+    let report = report(document, args.report.as_ref().map(|_| pictures));
+    output::print_result(context.json, document, &report, &[])?;
     if let Some(path) = &args.out {
-        let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-        let bytes = coverage.ply(&names, origin);
+        let names: Vec<_> = pictures.scanner.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        let bytes = pictures.coverage.ply(&names, pictures.origin);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
-    output::write_page(args.report.as_deref(), &report)?;
-    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+    output::write_page(args.report.as_deref(), &report)
 }
 
 fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {

@@ -4,9 +4,10 @@ use std::io::Write as _;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount};
 
 use crate::commands::signals::StopRequests;
+use crate::commands::stage::spinner;
 use crate::live::receive::{DataTimeouts, Listen, now_ns};
 use crate::live::watch::FirstLooks;
 use crate::recording::{LiveRecording, Parts};
@@ -26,10 +27,7 @@ pub(super) async fn watch(
     let mut stop_requests = StopRequests::new().context("signals cannot be caught")?;
     let mut tick = tokio::time::interval(LOOK);
     let begun = Instant::now();
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
-        bar.set_style(style);
-    }
+    let bar = spinner();
     let mut timeouts = DataTimeouts::new(listens.len(), begun);
     let mut low_disk_reported = false;
     let mut report_low_disk = |recording: &LiveRecording| {
@@ -40,8 +38,7 @@ pub(super) async fn watch(
             bar.suspend(|| say(&format!("warning: {} left on the disk{left}", HumanBytes(low.free_bytes))));
         }
     };
-    let mut clock_steps = 0;
-    let mut unread = Vec::new();
+    let (mut clock_steps, mut unread) = (0, Vec::new());
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
         tokio::select! {
             () = stop_requests.next() => break,

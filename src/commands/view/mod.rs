@@ -4,6 +4,8 @@
 mod heading;
 #[cfg(feature = "daemon")]
 mod play;
+#[cfg(feature = "daemon")]
+mod reels;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

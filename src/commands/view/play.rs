@@ -6,15 +6,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use sensors::router::{Router, Sensor};
 
 use super::Args;
 use super::heading::{ground, heading};
-use crate::base::errors::with_causes;
+use super::reels::Reels;
 use crate::commands::output::say_notice;
 use crate::commands::{Context, Outcome, output, scene_file, signals};
-use crate::recording::playback::{Placement, Player, Take, Tape, World};
-use crate::recording::{Recording, Session, sensor_ids};
+use crate::recording::playback::{Player, World};
+use crate::recording::{Recording, Session};
 use crate::report::{Report, viewer};
 use crate::rig::MountFile;
 use crate::world::scene::LoadedScene;
@@ -25,46 +24,6 @@ use crate::world::trajectory::Trajectory;
 struct Document {
     format: &'static str,
     url: String,
-}
-
-/// What is played.
-struct Reels {
-    recording: Recording,
-    mount: Option<MountFile>,
-    world: Option<Arc<World>>,
-}
-
-impl Tape for Reels {
-    fn router(&self) -> Result<Router, String> {
-        self.recording.router().map_err(|error| with_causes(&error))
-    }
-
-    fn packets(&self, take: &mut Take<'_>) -> Result<(), String> {
-        let mut is_enough = false;
-        let ended = self.recording.each_packet_until(&mut |packet| {
-            let flow = take(packet);
-            is_enough = flow.is_break();
-            flow
-        });
-        match ended {
-            Ok(ending) if !is_enough => ending.losses().into_iter().next().map_or(Ok(()), Err),
-            Ok(_) => Ok(()),
-            Err(error) => Err(with_causes(&error)),
-        }
-    }
-
-    fn name(&self, sensor: &Sensor, names: &mut Vec<String>) -> String {
-        sensor_ids::next_id(sensor, names)
-    }
-
-    fn placement(&self, name: &str) -> Placement {
-        let mut entries = self.mount.iter().flat_map(|mount| &mount.sensors);
-        let entry = entries.find(|entry| entry.name == name);
-        Placement {
-            body_from_sensor: entry.map(|entry| entry.mount().body_from_sensor()),
-            world: self.world.clone(),
-        }
-    }
 }
 
 /// Runs the verb.
