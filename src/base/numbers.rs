@@ -18,6 +18,11 @@ pub fn number(value: f64, decimals: usize) -> String {
     if fraction.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{fraction}") }
 }
 
+/// How many, for people: thousands separated.
+pub(crate) fn count(count: u64) -> String {
+    number(count as f64, 0)
+}
+
 /// A difference for people: always signed, and `+` where it rounds to nothing.
 pub fn signed(value: f64, decimals: usize) -> String {
     let text = format!("{value:+.decimals$}");

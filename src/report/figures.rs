@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::{BlindSpot, FromAbove, Report, unfold_mount_box};
 use crate::design::objective::Terms;
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
-use crate::report::chart::{CellClass, LineChart, Series, number};
+use crate::report::chart::{CellClass, LineChart, Series, count, number};
 use crate::simulate::baselines::Baselines;
 use crate::world::coverage::Coverage;
 
@@ -98,7 +98,7 @@ pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m
     let metres = |values: [f64; 3]| values.map(|value| number(value, 2)).join(", ");
     let row = |spot: &BlindSpot| {
         vec![
-            number(spot.cells as f64, 0),
+            count(spot.cells as u64),
             number(spot.cells as f64 * voxel_m * voxel_m, 2),
             metres(spot.centre_m),
             metres(spot.extent_m),

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::Report;
-use super::chart::number;
+use super::chart::{count, number};
 use super::completeness::{Pictures, SurfaceDocument};
 use super::prediction::GridDocument;
 use crate::design::objective::Terms;
@@ -121,26 +121,26 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     let mut report = Report::new("What ideal sensors see", &document.sentence());
     report.notices(&document.warnings);
     report.figure("trajectory", format!("{:.2} m", document.trajectory_length_m));
-    let rays = number(document.rays as f64, 0);
+    let rays = count(document.rays);
     report.figure("cast", format!("{rays} rays of ideal sensors in {:.2} s", document.wall_s));
     report.figures(document.quality.map(|quality| ("counted", quality.words(true))));
     let overlap = 100.0 * document.overlap_ratio;
     report.figure("overlap", format!("{overlap:.2} % of the voxels seen are seen by two sensors or more"));
     report.figure("score", format!("J {}", number(document.objective, 1)));
     report.figures(document.conflicts.figures());
-    let spots = pictures.map(|pictures| pictures.orbit_view(&mut report));
+    let pictured = pictures.map(|pictures| (pictures, pictures.orbit_view(&mut report)));
     report.heading("The sensors");
     let row = |sensor: &SensorDocument| {
         let counts = [sensor.columns as u64, sensor.scans, sensor.voxels, sensor.unique_voxels];
         let named = [sensor.name.clone(), sensor.model.clone()];
-        named.into_iter().chain(counts.map(|count| number(count as f64, 0))).collect()
+        named.into_iter().chain(counts.map(count)).collect()
     };
     let rows = document.sensors.iter().map(row).collect();
     report.table(&["sensor", "model", "columns", "scans", "voxels", "alone"], rows);
     if let Some(surface) = &document.surface {
         surface.append_to(&mut report);
     }
-    for (pictures, spots) in pictures.iter().zip(spots) {
+    if let Some((pictures, spots)) = pictured {
         pictures.plans(&mut report, &spots);
     }
     report
@@ -159,8 +159,8 @@ impl Document {
         format!(
             "{} sensors see {} of {} voxels of {} m that can be seen ({share:.1} %){surface}.",
             self.sensors.len(),
-            number(self.unique_voxels as f64, 0),
-            number(self.reachable_voxels as f64, 0),
+            count(self.unique_voxels),
+            count(self.reachable_voxels),
             self.grid.voxel_m,
         )
     }

@@ -1,6 +1,6 @@
 //! A report as text for a terminal.
 
-use super::{Block, Depth, Report, is_of_numbers};
+use super::{Block, Depth, Report, Section, is_of_numbers};
 
 impl Report {
     /// Pictures and notices are left out, details unless `is_verbose`.
@@ -10,10 +10,10 @@ impl Report {
             None if self.summary.is_empty() => String::new(),
             None => format!("{}\n", self.summary),
         };
-        for section in &self.sections {
+        let is_shown = |section: &&Section| is_verbose || matches!(section.depth, Depth::Main);
+        for section in self.sections.iter().filter(is_shown) {
             let blocks: String = section.blocks.iter().map(Block::text).collect();
-            let is_shown = is_verbose || matches!(section.depth, Depth::Main);
-            if !is_shown || blocks.is_empty() {
+            if blocks.is_empty() {
                 continue;
             }
             if !section.heading.is_empty() {

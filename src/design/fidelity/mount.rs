@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::{BoxLadder, Ladder as _, Settled, settle};
-use crate::base::numbers::number;
+use crate::base::numbers::{count, number};
 use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
 use crate::rig::MountDeg;
 use crate::simulate::occluder::Occluder;
@@ -65,7 +65,7 @@ impl MountFidelity {
             number(100.0 * self.tolerance, 2),
             if *within_tolerance { "met" } else { "not met: the finest level is reached" },
             self.level_name,
-            number(*rays as f64, 0),
+            count(*rays),
         );
         let left_out = self.left_out.iter().map(|Omission { what, worth, why, .. }| {
             let worth = worth.map_or(String::new(), |worth| format!("worth {worth:+.0}; "));

@@ -10,7 +10,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::{MountProblem, Search};
-use crate::base::numbers::number;
+use crate::base::numbers::{count, number};
 use crate::design::fidelity::{BoxLadder, Ladder as _};
 use crate::design::objective::Objective;
 use crate::design::robustness::{Criterion, Robustness, RobustnessError, Spread, Tolerance};
@@ -122,7 +122,7 @@ impl JudgedShortlist {
             "the search's own favourite, {} as searched, comes to {}; {looked_at} mounts looked at again, {} rays in {:.3} s",
             number(self.favourite_as_searched, 0),
             number(favourite.mean, 0),
-            number(*rays as f64, 0),
+            count(*rays),
             self.wall_s
         );
         [("as built", as_built), ("", others)]

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 
 use super::{Measured, MountProblem};
-use crate::base::numbers::number;
+use crate::base::numbers::{count, number};
 use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
 use crate::design::objective::ExperimentError;
 use crate::design::objective::Objective;
@@ -140,7 +140,7 @@ impl Refinement {
             self.level_name,
             self.looked_at,
             self.undecided,
-            number(self.rays as f64, 0)
+            count(self.rays)
         );
         let others = format!(
             "another might be {} better ({} % was allowed, {}); the search's own favourite has {}",

@@ -1,6 +1,6 @@
 //! The demo's report.
 
-use crate::report::chart::number;
+use crate::report::chart::{count, number};
 use crate::report::comparison::in_figures;
 use crate::report::{Report, compared, orbit};
 use crate::verify::compare::{Agreement, Gate, RayClasses, Replayed, Table};
@@ -59,7 +59,7 @@ fn coverage_section(report: &mut Report, document: &Document) {
         "Execution error (planned against as driven): {}. Model error (as driven against recorded): {} of {} points of \
          the walls missed.",
         document.compare.execution.iou.map_or("nothing planned".into(), |iou| format!("IoU {iou:.5}")),
-        number(agreement.missed as f64, 0),
+        count(agreement.missed),
         number(document.compare.agreement.as_ref().map_or(0.0, |a| a.patches.points as f64), 0),
     ));
     let figure = |name: &str, value: Option<f64>| {
@@ -77,8 +77,8 @@ fn coverage_section(report: &mut Report, document: &Document) {
     );
 }
 
-fn row3(name: &str, count: u64, what: &str) -> Vec<String> {
-    vec![name.to_owned(), number(count as f64, 0), what.to_owned()]
+fn row3(name: &str, cells: u64, what: &str) -> Vec<String> {
+    vec![name.to_owned(), count(cells), what.to_owned()]
 }
 
 fn rays_section(report: &mut Report, document: &Document) {
@@ -90,7 +90,7 @@ fn rays_section(report: &mut Report, document: &Document) {
         .map(|(sensor, classes)| {
             let RayClasses { agree, short, long, drop, extra, nothing, unplaced } = classes.classes;
             let counts = [agree, short, long, drop, extra, nothing, unplaced];
-            std::iter::once(sensor.clone()).chain(counts.map(|count| number(count as f64, 0))).collect()
+            std::iter::once(sensor.clone()).chain(counts.map(count)).collect()
         })
         .collect();
     report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], rows);
@@ -124,7 +124,6 @@ fn recording_section(report: &mut Report, document: &Document) {
         .recording
         .iter()
         .map(|sensor| {
-            let count = |value: u64| number(value as f64, 0);
             vec![
                 sensor.sensor.clone(),
                 count(sensor.packets_sent),

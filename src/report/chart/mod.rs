@@ -7,7 +7,7 @@ mod line;
 mod plan;
 mod scatter;
 
-pub(crate) use crate::base::numbers::decimals_of;
+pub(crate) use crate::base::numbers::{count, decimals_of};
 pub use crate::base::numbers::{number, signed};
 pub(crate) use cells::cell_map_svg;
 pub use cells::{CellClass, CellMap};

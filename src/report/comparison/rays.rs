@@ -1,7 +1,7 @@
 //! Rays by sensor, channel, azimuth and incidence.
 
 use crate::report::Report;
-use crate::report::chart::{CellClass, CellMap, LineChart, Series, number};
+use crate::report::chart::{CellClass, CellMap, LineChart, Series, count};
 use crate::report::values::percent;
 use crate::verify::compare::{Breakdown, RayClasses, Replayed, SECTORS};
 use crate::verify::judgement::comparison::Comparison;
@@ -15,7 +15,7 @@ pub(super) fn rays_section(report: &mut Report, comparison: &Comparison, replaye
             let c = &rays.classes;
             let counts = [c.agree, c.short, c.long, c.drop, c.extra, c.nothing, c.unplaced];
             let head = [sensor.clone(), percent(rays.agree_share)];
-            head.into_iter().chain(counts.map(|count| number(count as f64, 0))).collect()
+            head.into_iter().chain(counts.map(count)).collect()
         })
         .collect();
     let header = ["sensor", "agree", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"];

@@ -3,7 +3,7 @@
 use super::Pictures;
 use super::maps::difference_maps;
 use super::rays::rays_section;
-use crate::report::chart::{decimals_of, number, signed};
+use crate::report::chart::{count, decimals_of, number, signed};
 use crate::report::values::{estimate, figure, interval, p_value, percent};
 use crate::report::{Report, compared, orbit};
 use crate::verify::compare::{Agreement, CoverageCounts};
@@ -42,7 +42,6 @@ pub(crate) fn report(
 
 /// The result in a few lines.
 pub(crate) fn in_figures(report: &mut Report, comparison: &Comparison) {
-    let count = |count: u64| number(count as f64, 0);
     if let Some(surface) = &comparison.surface {
         let [as_driven, recorded] =
             [&surface.as_driven, &surface.recorded].map(|share| percent(share.of_observable));
@@ -89,17 +88,12 @@ pub(crate) fn in_figures(report: &mut Report, comparison: &Comparison) {
 
 fn counts_note(comparison: &Comparison) -> String {
     let counts = &comparison.coverage;
-    format!(
-        "{} voxels predicted, {} recorded",
-        number(counts.as_driven as f64, 0),
-        number(counts.recorded as f64, 0)
-    )
+    format!("{} voxels predicted, {} recorded", count(counts.as_driven), count(counts.recorded))
 }
 
 fn coverage_section(report: &mut Report, comparison: &Comparison) {
     report.fold("Coverage", &counts_note(comparison));
     let counts = &comparison.coverage;
-    let count = |value: u64| number(value as f64, 0);
     let mut rows = vec![
         vec!["cells planned".into(), count(counts.planned), "nominal mounts, planned trajectory".into()],
         vec![
@@ -193,7 +187,7 @@ fn prediction_section(report: &mut Report, comparison: &Comparison) {
          {:.1} s, a range deviation of {:.0} mm and {:.0} % of the returns lost: share of agreeing rays {} on average, {} \
          in the recording (p {}).",
         healthy.runs,
-        number(prediction.rays as f64, 0),
+        count(prediction.rays as u64),
         1e3 * healthy.pose.position_sd_m,
         healthy.pose.rotation_sd_rad.to_degrees(),
         healthy.pose.correlation_s,

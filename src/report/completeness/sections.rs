@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::SurfaceDocument;
-use crate::report::chart::number;
+use crate::report::chart::{count, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::simulate::baselines::Baselines;
 use crate::simulate::ideal::IdealSensors;
@@ -21,7 +21,7 @@ impl SurfaceDocument {
     pub(crate) fn append_to(&self, report: &mut Report) {
         report.heading("Completeness of the surface");
         report.figures(self.mesh.figures());
-        let samples = number(self.samples as f64, 0);
+        let samples = count(self.samples as u64);
         let area_m2 = number(self.area_m2, 1);
         let observable = 100.0 * self.observable_share;
         report.figure("observable", format!("{observable:.2} % of {samples} samples on {area_m2} m²"));

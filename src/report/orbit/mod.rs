@@ -16,7 +16,7 @@ pub(crate) use published::published;
 pub(crate) use seen::seen;
 
 use super::BlindSpot;
-use crate::report::chart::{CellClass, escape, number};
+use crate::report::chart::{CellClass, count, escape};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::Trajectory;
@@ -83,7 +83,7 @@ impl Orbit {
             Scene::Mesh(mesh) => {
                 let corners_m = mesh.largest_triangles(MAX_TRIANGLES).flatten().collect();
                 let name = match mesh.triangles() > MAX_TRIANGLES {
-                    true => format!("scene (largest {} triangles)", number(MAX_TRIANGLES as f64, 0)),
+                    true => format!("scene (largest {} triangles)", count(MAX_TRIANGLES as u64)),
                     false => "scene".to_owned(),
                 };
                 orbit.add(&name, "c-none", Shape::Surface, corners_m, true);

@@ -1,7 +1,7 @@
 //! The report of a prediction.
 
 use super::{Document, SensorDocument};
-use crate::report::chart::number;
+use crate::report::chart::{count, number};
 use crate::report::{FromAbove, Report, figures, orbit, unfold_box};
 use crate::simulate::prediction::SceneBaselines;
 use crate::simulate::scan::Scanner;
@@ -22,7 +22,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     let mut report = Report::new("Predicted coverage", &sentence(document));
     report.notices(&document.warnings);
     report.figure("trajectory", format!("{:.2} m", document.trajectory_length_m));
-    let [rays, returns] = [document.rays, document.returns].map(|count| number(count as f64, 0));
+    let [rays, returns] = [document.rays, document.returns].map(count);
     report.figure(
         "cast",
         format!(
@@ -61,7 +61,6 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
 }
 
 fn sentence(document: &Document) -> String {
-    let count = |count: u64| number(count as f64, 0);
     let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
         let seen = &baselines.singles.best_single.seen;
@@ -101,7 +100,6 @@ fn orbit_view(report: &mut Report, document: &Document, pictures: &Pictures<'_>)
 
 fn sensors(report: &mut Report, document: &Document) {
     report.heading("The sensors");
-    let count = |count: u64| number(count as f64, 0);
     let row = |sensor: &SensorDocument| {
         vec![
             sensor.name.clone(),
@@ -122,7 +120,7 @@ fn surface(report: &mut Report, document: &Document) {
     report.heading("Completeness of the surface");
     report.figures(surface.mesh.figures());
     let observable = 100.0 * surface.observable_share;
-    let samples = number(surface.samples as f64, 0);
+    let samples = count(surface.samples as u64);
     report.figure("observable", format!("{observable:.2} % of {samples} samples of the surface"));
     let rig = ("the rig".to_owned(), &surface.shares);
     let all = std::iter::once(rig).chain(document.baselines.iter().flat_map(SceneBaselines::shares));
@@ -132,14 +130,14 @@ fn surface(report: &mut Report, document: &Document) {
 
 fn baselines(report: &mut Report, document: &Document) {
     let Some(baselines) = &document.baselines else { return };
-    let seen = number(baselines.rig.unique_voxels as f64, 0);
+    let seen = count(baselines.rig.unique_voxels);
     let rig = ["the rig".into(), "-".into(), "-".into(), seen, "-".into()];
     let single = baselines.singles.named().map(|(name, single)| {
         vec![
             name.into(),
             single.model.clone(),
             number(single.pitch_deg, 0),
-            number(single.seen.unique_voxels as f64, 0),
+            count(single.seen.unique_voxels),
             single.seen.gain_words(),
         ]
     });

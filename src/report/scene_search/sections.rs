@@ -2,7 +2,7 @@
 
 use super::{CountDocument, Document, SiteDocument, SiteSource, TrajectoryDocument};
 use crate::design::scene_search::{Answer, CoveredSite, FlatRange, Judged, JudgedAtSite};
-use crate::report::chart::{LineChart, Series, number};
+use crate::report::chart::{LineChart, Series, count, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::{Rig, SensorEntry};
 use crate::simulate::view::{CastSites, CastView, ViewSite};
@@ -53,7 +53,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     report.figure("trajectory", format!("{length_m:.1} m in {duration_s:.0} s, {}", trajectory.source));
     for (at, SiteDocument { scene, trajectory, reachable_voxels }) in document.sites.iter().enumerate() {
         let TrajectoryDocument { length_m, source, .. } = trajectory;
-        let voxels = number(*reachable_voxels as f64, 0);
+        let voxels = count(*reachable_voxels);
         let words = format!("{scene}: {length_m:.1} m, {source}; {voxels} voxels can be seen");
         report.figure(&format!("site {}", at + 1), words);
     }
@@ -110,7 +110,7 @@ fn from_above(report: &mut Report, document: &Document, pictured: &Pictured<'_>)
 /// Share, voxels, overlap and J, as all tables show them.
 fn seen(share: f64, voxels: u64, overlap: Option<f64>, objective: f64) -> Vec<String> {
     let overlap = overlap.map(|overlap| format!("{:.1} %", 100.0 * overlap));
-    let seen = [format!("{:.2} %", 100.0 * share), number(voxels as f64, 0)];
+    let seen = [format!("{:.2} %", 100.0 * share), count(voxels)];
     seen.into_iter().chain(overlap).chain([number(objective, 1)]).collect()
 }
 

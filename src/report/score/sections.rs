@@ -2,7 +2,7 @@
 
 use super::Document;
 use crate::design::fidelity::MountFidelity;
-use crate::report::chart::number;
+use crate::report::chart::{count, number};
 use crate::report::{Report, figures};
 use crate::world::coverage::Coverage;
 
@@ -12,7 +12,7 @@ pub(crate) fn report(document: &Document, pictured: Option<&Coverage>) -> Report
     let mut report = Report::new(&format!("Score in {}", document.preset), &sentence(document));
     report.figure("path", document.path.name());
     let (columns, poses) = (document.azimuths, document.sub_poses);
-    let rays = number(evaluation.rays as f64, 0);
+    let rays = count(evaluation.rays);
     report.figure(
         "cast",
         format!("{rays} rays ({columns} columns, {poses} poses per m) in {:.4} s", document.wall_s),
@@ -63,8 +63,8 @@ fn sentence(document: &Document) -> String {
         "{}: {} sensors see {} of {} voxels that can be hit ({share:.1} %){gain}; J = {}.",
         document.preset,
         evaluation.sensors,
-        number(evaluation.unique_voxels as f64, 0),
-        number(evaluation.reachable_voxels as f64, 0),
+        count(evaluation.unique_voxels),
+        count(evaluation.reachable_voxels),
         number(evaluation.objective, 2),
     )
 }
@@ -75,8 +75,8 @@ fn sensors(report: &mut Report, document: &Document) {
         let mut row = vec![(index + 1).to_string(), document.evaluation.models[index].to_owned()];
         row.extend(mount.iter().map(|value| number(*value, 4)));
         let evaluation = &document.evaluation;
-        row.push(number(evaluation.per_sensor_voxels[index] as f64, 0));
-        row.push(number(evaluation.unique_per_sensor[index] as f64, 0));
+        row.push(count(evaluation.per_sensor_voxels[index]));
+        row.push(count(evaluation.unique_per_sensor[index]));
         row
     };
     report.table(
@@ -88,13 +88,12 @@ fn sensors(report: &mut Report, document: &Document) {
 fn baselines(report: &mut Report, document: &Document) {
     let Some(baselines) = &document.baselines else { return };
     let evaluation = &document.evaluation;
-    let voxels = |count: u64| number(count as f64, 0);
     let mounts = [
         "the mounts".into(),
         "-".into(),
         "-".into(),
         number(evaluation.objective, 1),
-        voxels(evaluation.unique_voxels),
+        count(evaluation.unique_voxels),
         "-".into(),
     ];
     let singles = baselines.named().map(|(name, single)| {
@@ -103,7 +102,7 @@ fn baselines(report: &mut Report, document: &Document) {
             single.model.clone(),
             number(single.pitch_deg, 1),
             number(single.seen.objective, 1),
-            voxels(single.seen.unique_voxels),
+            count(single.seen.unique_voxels),
             number(single.seen.gain_voxels as f64, 0),
         ]
     });

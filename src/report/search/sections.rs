@@ -2,7 +2,7 @@
 
 use super::Document;
 use crate::design::objective::Objective;
-use crate::report::chart::{LineChart, Series, number};
+use crate::report::chart::{LineChart, Series, count, number};
 use crate::report::{Report, figures, orbit};
 use crate::rig::{MountFile, Rig, SensorEntry};
 use crate::world::coverage::Coverage;
@@ -23,8 +23,8 @@ pub(crate) fn report(document: &Document, file: &MountFile, pictures: Option<&Pi
             "{}: {} sensors see {} of {} voxels that can be hit. Searched by {}; J = {}, {}.",
             document.preset,
             evaluation.sensors,
-            number(evaluation.unique_voxels as f64, 0),
-            number(evaluation.reachable_voxels as f64, 0),
+            count(evaluation.unique_voxels),
+            count(evaluation.reachable_voxels),
             document.method.name(),
             number(evaluation.objective, 2),
             document.found_at()
@@ -60,8 +60,8 @@ fn mounts(report: &mut Report, file: &MountFile, document: &Document) {
             number(sensor.z_m, 4),
             number(sensor.pitch_deg, 3),
             number(sensor.roll_deg, 3),
-            number(evaluation.per_sensor_voxels[index] as f64, 0),
-            number(evaluation.unique_per_sensor[index] as f64, 0),
+            count(evaluation.per_sensor_voxels[index]),
+            count(evaluation.unique_per_sensor[index]),
         ]
     };
     report.table(
@@ -76,7 +76,7 @@ fn convergence(report: &mut Report, document: &Document) {
     report.heading("The search");
     let [all_s, objective_s, search_s] =
         [document.wall_s, document.objective_s, document.search_s].map(|seconds| number(seconds, 3));
-    let rays = number(document.rays as f64, 0);
+    let rays = count(document.rays);
     report.figure(
         "cost",
         format!("{rays} rays in {all_s} s: objective {objective_s} s, search itself {search_s} s"),
