@@ -1,21 +1,47 @@
-//! What the model gets wrong, as a smooth function of the mounts: a ridge fit of exact minus model.
+//! What the model gets wrong, as a function of the mounts and of its own score: a ridge fit of exact minus model, and a step in
+//! height where one is seen.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::rig::Mount;
 
 /// Terms of one master without the constant.
-const TERMS: usize = 5;
+const TERMS: usize = 6;
 /// Weight of a term of size one against the data, in observations.
 const RIDGE: f64 = 0.05;
 /// Lengths and angles over which the terms are of size one.
 const LENGTH_M: f64 = 0.15;
 const PITCH_RAD: f64 = 0.5;
+/// From so far below a shelf to so far above it what is seen changes, m.
+const STEP_M: f64 = 0.02;
+/// Fewer exact evaluations show the mean error only.
+const ENOUGH: usize = 8;
+/// Scores that differ by this share are a term of size one.
+const SCORE_SHARE: f64 = 0.01;
+/// A step has to leave less than this share of the error.
+const STEP_LEAVES: f64 = 0.7;
+
+/// A rig of which both scores are known.
+#[derive(Clone, Debug)]
+pub(super) struct Observed {
+    pub masters: Vec<Mount>,
+    /// J by the model.
+    pub model: f64,
+    /// J of the rays.
+    pub exact: f64,
+}
+
+impl Observed {
+    fn error(&self) -> f64 {
+        self.exact - self.model
+    }
+}
 
 /// The fitted error of a model.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Correction {
-    mean: f64,
+    basis: Basis,
+    constant: f64,
     weights: Vec<f64>,
     error: Option<ModelError>,
 }
@@ -31,37 +57,78 @@ pub(crate) struct ModelError {
     pub n: usize,
     /// Exact minus model before the correction, mean, voxels.
     pub uncorrected_mean: f64,
+    /// Height in the frame of the body at which a shelf or table top lets voxels appear or vanish, m.
+    pub step_z_m: Option<f64>,
 }
 
-/// Inward tilts (x and pitch of opposite sign) are under-rated, and heights are stored in layers.
-fn terms(mounts: &[Mount]) -> Vec<f64> {
-    let of_master = |mount: &Mount| -> [f64; TERMS] {
-        let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);
-        let pitch = mount.pitch_rad / PITCH_RAD;
-        let side = if pitch < 0.0 { -1.0 } else { 1.0 };
-        [pitch.abs(), x * side, x * pitch, z, y * side]
-    };
-    mounts.iter().flat_map(of_master).collect()
+/// What the terms of a fit are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Basis {
+    /// Mean of the model's scores, and a difference that makes a term of size one.
+    scores: (f64, f64),
+    step_z_m: Option<f64>,
+}
+
+impl Basis {
+    /// Inward tilts (x and pitch of opposite sign) are under-rated. Heights are stored in layers, between which the error bends.
+    /// A sensor far ahead or behind sees around corners what the middle does not. Of what the model misses, a good mount sees
+    /// another share than a bad one.
+    fn terms(&self, masters: &[Mount], score: f64) -> Vec<f64> {
+        let of_master = |mount: &Mount| -> [f64; TERMS] {
+            let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);
+            let pitch = mount.pitch_rad / PITCH_RAD;
+            let side = if pitch < 0.0 { -1.0 } else { 1.0 };
+            [pitch.abs(), x * side, x * pitch, z, z * z, y * y]
+        };
+        let mut terms: Vec<f64> = masters.iter().flat_map(of_master).collect();
+        let (mean, unit) = self.scores;
+        terms.push((score - mean) / unit);
+        terms.extend(self.step_z_m.map(|step_z_m| {
+            let above = masters.iter().map(|mount| ((mount.z_m - step_z_m) / STEP_M).clamp(-1.0, 1.0));
+            above.sum::<f64>() / masters.len().max(1) as f64
+        }));
+        terms
+    }
 }
 
 impl Correction {
-    /// Fits to the masters of exactly evaluated rigs and exact minus model of each.
-    pub(crate) fn fit(observed: &[(Vec<Mount>, f64)]) -> Self {
-        let rows: Vec<Vec<f64>> = observed.iter().map(|(mounts, _)| terms(mounts)).collect();
-        let Some(columns) = rows.first().map(Vec::len) else { return Self::default() };
-        let n = rows.len();
-        let mean = observed.iter().map(|(_, error)| error).sum::<f64>() / n as f64;
+    /// Fits to exactly evaluated rigs, with the step in height that leaves least, if one leaves much less than none does.
+    pub(crate) fn fit(observed: &[Observed]) -> Self {
+        if observed.len() < ENOUGH {
+            let constant = observed.iter().map(Observed::error).sum::<f64>() / observed.len().max(1) as f64;
+            return Self { constant, ..Self::default() };
+        }
+        let mean = observed.iter().map(|rig| rig.model).sum::<f64>() / observed.len() as f64;
+        let basis = Basis { scores: (mean, (SCORE_SHARE * mean.abs()).max(1.0)), step_z_m: None };
+        let smooth = Self::with(basis, observed);
+        let sd = |correction: &Self| correction.error.map_or(f64::INFINITY, |error| error.sd);
+        let mut heights_m: Vec<f64> =
+            observed.iter().flat_map(|rig| rig.masters.iter().map(|mount| mount.z_m)).collect();
+        heights_m.sort_by(f64::total_cmp);
+        // two mounts at least on each side
+        let between = heights_m.windows(2).skip(1).take(heights_m.len().saturating_sub(3));
+        let stepped = between
+            .map(|pair| Self::with(Basis { step_z_m: Some(0.5 * (pair[0] + pair[1])), ..basis }, observed));
+        let best = stepped.reduce(|best, next| if sd(&next) < sd(&best) { next } else { best });
+        best.filter(|best| sd(best) < STEP_LEAVES * sd(&smooth)).unwrap_or(smooth)
+    }
+
+    /// Of two rigs or more.
+    fn with(basis: Basis, observed: &[Observed]) -> Self {
+        let rows: Vec<Vec<f64>> = observed.iter().map(|rig| basis.terms(&rig.masters, rig.model)).collect();
+        let (n, columns) = (rows.len(), rows[0].len());
+        let mean = observed.iter().map(Observed::error).sum::<f64>() / n as f64;
         let mut middle = vec![0.0; columns];
         rows.iter()
             .for_each(|row| middle.iter_mut().zip(row).for_each(|(sum, value)| *sum += value / n as f64));
         let design = DMatrix::from_fn(n, columns, |row, column| rows[row][column] - middle[column]);
-        let target = DVector::from_fn(n, |row, _| observed[row].1 - mean);
+        let target = DVector::from_fn(n, |row, _| observed[row].error() - mean);
         let mut normal = design.transpose() * &design;
         for column in 0..columns {
             normal[(column, column)] += RIDGE * n as f64 * 0.1 + RIDGE;
         }
         let Some(inverse) = normal.cholesky().map(|factors| factors.inverse()) else {
-            return Self { mean, weights: vec![0.0; columns], error: None };
+            return Self { constant: mean, ..Self::default() };
         };
         let weights = &inverse * design.transpose() * &target;
         let hat = &design * inverse * design.transpose();
@@ -71,18 +138,20 @@ impl Correction {
             (0..n).map(|row| residuals[row] / (1.0 - hat[(row, row)] - 1.0 / n as f64).max(1e-3)).collect();
         let left_mean = left_out.iter().sum::<f64>() / n as f64;
         let square = left_out.iter().map(|error| (error - left_mean).powi(2)).sum::<f64>();
-        let sd = (square / (n.max(2) - 1) as f64).sqrt();
+        let sd = (square / (n - 1) as f64).sqrt();
         let constant = mean - weights.iter().zip(&middle).map(|(weight, value)| weight * value).sum::<f64>();
-        Self {
-            mean: constant,
-            weights: weights.iter().copied().collect(),
-            error: (n > 2).then_some(ModelError { mean: left_mean, sd, n, uncorrected_mean: mean }),
-        }
+        let error = ModelError { mean: left_mean, sd, n, uncorrected_mean: mean, step_z_m: basis.step_z_m };
+        Self { basis, constant, weights: weights.iter().copied().collect(), error: Some(error) }
     }
 
-    /// What is added to the model's score.
-    pub(crate) fn of(&self, mounts: &[Mount]) -> f64 {
-        self.mean + self.weights.iter().zip(terms(mounts)).map(|(weight, term)| weight * term).sum::<f64>()
+    /// J of a rig's masters as rays would find it, by its score of the model.
+    pub(crate) fn corrected(&self, masters: &[Mount], score: f64) -> f64 {
+        if self.weights.is_empty() {
+            return score + self.constant;
+        }
+        let terms = self.basis.terms(masters, score);
+        let error = self.weights.iter().zip(terms).map(|(weight, term)| weight * term).sum::<f64>();
+        score + self.constant + error
     }
 
     pub(crate) fn error(&self) -> Option<ModelError> {
@@ -95,33 +164,58 @@ mod tests {
     use super::*;
     use crate::base::rng::Rng;
 
+    /// Rigs whose error is smooth, a share of their score and `step` voxels more above z = 3 cm.
+    fn observe(rng: &mut Rng, count: usize, step: f64, noise: f64) -> Vec<Observed> {
+        let mut rig = || {
+            let mount = Mount {
+                x_m: rng.between(0.0, 0.15),
+                y_m: rng.between(-0.25, 0.25),
+                z_m: rng.between(-0.15, 0.15),
+                pitch_rad: rng.between(-1.0, 1.0),
+                ..Mount::default()
+            };
+            let model = rng.between(60_000.0, 61_000.0);
+            let smooth = 400.0 + 300.0 * mount.x_m * mount.pitch_rad / 0.075 - 200.0 * mount.z_m / 0.15;
+            let stretched = 0.25 * (model - 60_500.0);
+            let above = if mount.z_m > 0.03 { step } else { 0.0 };
+            let exact = model + smooth + stretched + above + noise * rng.normal();
+            Observed { masters: vec![mount], model, exact }
+        };
+        (0..count).map(|_| rig()).collect()
+    }
+
+    fn rms(correction: &Correction, rigs: &[Observed]) -> f64 {
+        let off = |rig: &Observed| correction.corrected(&rig.masters, rig.model) - rig.exact;
+        (rigs.iter().map(|rig| off(rig).powi(2)).sum::<f64>() / rigs.len() as f64).sqrt()
+    }
+
     #[test]
     fn a_smooth_error_is_found_and_the_rest_is_reported() {
         let mut rng = Rng::new(3, 0);
-        let mut observe = |count: usize, noise: f64| -> Vec<(Vec<Mount>, f64)> {
-            (0..count)
-                .map(|_| {
-                    let mount = Mount {
-                        x_m: rng.between(0.0, 0.15),
-                        y_m: rng.between(-0.25, 0.25),
-                        z_m: rng.between(-0.15, 0.15),
-                        pitch_rad: rng.between(-1.0, 1.0),
-                        ..Mount::default()
-                    };
-                    let error =
-                        400.0 + 300.0 * mount.x_m * mount.pitch_rad / 0.075 - 200.0 * mount.z_m / 0.15;
-                    (vec![mount], error + noise * rng.normal())
-                })
-                .collect()
-        };
-        let correction = Correction::fit(&observe(30, 20.0));
+        let correction = Correction::fit(&observe(&mut rng, 30, 0.0, 20.0));
         let error = correction.error().unwrap();
-        assert!((10.0..45.0).contains(&error.sd) && error.n == 30, "{error:?}");
-        let off: f64 = observe(200, 0.0)
-            .iter()
-            .map(|(mounts, error)| (correction.of(mounts) - error).powi(2) / 200.0)
-            .sum();
-        assert!(off.sqrt() < 40.0, "{off}");
-        assert_eq!(Correction::fit(&[]).of(&[Mount::default()]), 0.0);
+        assert!((10.0..45.0).contains(&error.sd) && error.n == 30 && error.step_z_m.is_none(), "{error:?}");
+        let off = rms(&correction, &observe(&mut rng, 200, 0.0, 0.0));
+        assert!(off < 40.0, "{off}");
+        assert_eq!(Correction::fit(&[]).corrected(&[Mount::default()], 7.0), 7.0);
+    }
+
+    #[test]
+    fn a_shelf_is_a_step_in_height() {
+        let mut rest: Vec<f64> = (0..12)
+            .map(|seed| {
+                let mut rng = Rng::new(seed, 0);
+                let correction = Correction::fit(&observe(&mut rng, 24, -2500.0, 20.0));
+                let step_z_m = correction.error().unwrap().step_z_m.unwrap();
+                assert!((step_z_m - 0.03).abs() < 0.02, "{seed}: {step_z_m}");
+                // all but the mounts within the ramp
+                let mut others = observe(&mut rng, 200, -2500.0, 0.0);
+                others.retain(|rig| (rig.masters[0].z_m - 0.03).abs() > 2.0 * STEP_M);
+                rms(&correction, &others)
+            })
+            .collect();
+        rest.sort_by(f64::total_cmp);
+        // without a step some 500 are left
+        assert!(rest[6] < 200.0, "{rest:?}");
     }
 }

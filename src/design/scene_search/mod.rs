@@ -6,7 +6,9 @@
 
 mod answer;
 mod correction;
+mod local;
 mod plan;
+mod quadratic;
 mod rig_space;
 mod search;
 mod sites;

@@ -4,16 +4,27 @@ use super::is_of_few_channels;
 use crate::rig::Rig;
 use crate::simulate::view::CastSites;
 
-/// Exact evaluations of rigs that cast so many rays or more are dear, of those that cast fewer than so many cheap.
-const DEAR_RAYS: u64 = 10_000_000;
-const CHEAP_RAYS: u64 = 3_000_000;
+/// Where an exact evaluation casts fewer rays than this, so many are early, correct the model in all, come amid the second search and
+/// judge finalists. In small rooms they are cheap or the model is good; of large ones it has more to learn, until time binds.
+const EXACT: [(u64, [usize; 4]); 4] = [
+    (3_000_000, [0, 16, 6, 20]),
+    (6_000_000, [0, 12, 0, 10]),
+    (25_000_000, [8, 14, 6, 10]),
+    (u64::MAX, [8, 12, 0, 6]),
+];
+/// Steps of sixteen that a local search aims at the top of a quadratic; second where exact evaluations are so cheap that many finalists
+/// decide, which had better differ.
+const AIMED: [usize; 2] = [4, 0];
+/// Mounts that the model looks at again; second where many exact evaluations need fewer good guesses.
+const AGAIN: [[usize; 3]; 2] = [[48, 112, 32], [40, 96, 24]];
 /// A thinned view casts at most so many rays of a rig, but one beam in so many at least and so many rays for each voxel that can
 /// be seen; second that of sensors of few channels, whose gaps many revolutions have to fill. Thinner views count the density of
 /// beams, not what is seen.
 const THINNEST: [(u64, u32, u64); 2] = [(4_000_000, 16, 40), (8_000_000, 4, 24)];
-/// Finalists of a thinned view whose beams are all cast: so many, or fewer where each casts more than so many rays.
-const WHOLE: usize = 3;
-const VERY_DEAR_RAYS: u64 = 60_000_000;
+/// Finalists of a thinned view whose beams are all cast: the second where each casts more than so many rays, the third where
+/// more than so many.
+const WHOLE: [usize; 3] = [3, 2, 1];
+const RAYS_OF_WHOLE: [u64; 2] = [60_000_000, 200_000_000];
 
 /// How many evaluations there are, and of which kind.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -27,7 +38,7 @@ pub(crate) struct Plan {
     pub local: usize,
     /// Exact evaluations by which the model is corrected.
     pub correcting: usize,
-    /// So many of these come before the first local search: where few are affordable, they keep it from going astray.
+    /// So many of these come before the first local search: in large scenes the model alone leads it astray.
     pub early: usize,
     /// Of the best ones within the second local search, which correct the model where the search has arrived.
     pub amid: usize,
@@ -35,6 +46,8 @@ pub(crate) struct Plan {
     pub finalists: usize,
     /// Mounts that the model looks at again by all voxels: after the spread, after the first local search, after each later one.
     pub again: [usize; 3],
+    /// Steps of sixteen that a local search aims at the top of a quadratic through good mounts.
+    pub aimed: usize,
     /// Which part of the beams is cast until then, 1 in so many; all beams of the best finalists are.
     pub thinning: u32,
     /// So many of them, where beams are thinned.
@@ -42,15 +55,11 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
+    /// A quarter spread, a half local, the rest after the correction.
     pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
-        const AGAIN: [usize; 3] = [48, 112, 32];
-        let (early, correcting, amid, finalists, again) = match rays_of_whole / u64::from(thinning) {
-            // many exact evaluations need fewer good guesses
-            rays if rays < CHEAP_RAYS => (0, 16, 6, 12, [40, 96, 24]),
-            rays if rays < DEAR_RAYS => (4, 12, 0, 10, AGAIN),
-            _ => (2, 8, 0, 8, AGAIN),
-        };
+        let rays = rays_of_whole / u64::from(thinning);
+        let class = EXACT.iter().position(|(below, _)| rays < *below).unwrap_or(EXACT.len() - 1);
+        let [early, correcting, amid, finalists] = EXACT[class].1;
         Self {
             seed,
             evaluations,
@@ -60,9 +69,10 @@ impl Plan {
             correcting: correcting.min(evaluations),
             amid: amid.min(evaluations),
             finalists: finalists.min(evaluations),
-            again,
+            again: AGAIN[usize::from(class == 0)],
+            aimed: AIMED[usize::from(class == 0)],
             thinning,
-            whole: if rays_of_whole > VERY_DEAR_RAYS { WHOLE - 1 } else { WHOLE },
+            whole: WHOLE[RAYS_OF_WHOLE.iter().filter(|rays| rays_of_whole > **rays).count()],
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::correction::{Correction, ModelError};
+use super::correction::{Correction, ModelError, Observed};
 use super::plan::{Judges, Plan};
 use super::state_file::Findings;
 use super::{RigSpace, SceneWeights};
@@ -15,12 +15,7 @@ use crate::simulate::view::{CellSites, Seen};
 use crate::world::coverage::Coverage;
 
 /// In the spread, in the first local search and in those after it every so many voxels are looked at.
-const SPARSE: [usize; 3] = [8, 4, 2];
-/// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
-const STEP_SHARES: [f64; 2] = [0.15, 0.02];
-/// Mounts from which a local search steps, and steps between two looks at which are best.
-const PARENTS: usize = 8;
-const CHILDREN: usize = 16;
+pub(super) const SPARSE: [usize; 3] = [8, 4, 2];
 /// Groups of mounts by the signs of their pitches that the first local search follows side by side: the model ranks the mounts of a
 /// group, not always the groups.
 const PITCH_SIGNS: usize = 2;
@@ -54,14 +49,14 @@ pub(super) fn tilt_rad(rig: &Rig) -> f64 {
 }
 
 /// A rig that the model looked at.
-struct Tried {
-    values: Vec<f64>,
+pub(super) struct Tried {
+    pub(super) values: Vec<f64>,
     mounts: Vec<Mount>,
     /// J by the model.
     score: f64,
     /// By some of the voxels.
     is_rough: bool,
-    violation_m: f64,
+    pub(super) violation_m: f64,
 }
 
 /// A running search.
@@ -71,8 +66,8 @@ pub(crate) struct SceneSearch<'a> {
     pub judges: &'a Judges,
     pub weights: SceneWeights,
     pub plan: Plan,
-    space: Space,
-    tried: Vec<Tried>,
+    pub(super) space: Space,
+    pub(super) tried: Vec<Tried>,
     exact: Vec<Exact>,
     correction: Correction,
     /// Model evaluations done and the best exact J then.
@@ -241,7 +236,7 @@ impl<'a> SceneSearch<'a> {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
         let seen = self.model.see_roughly(&rigs, 1);
         let score = |((values, rig), seen): ((&Vec<f64>, &Rig), &Seen)| {
-            self.weights.terms(rig, seen).objective() + self.correction.of(&self.rigs.mounts(values))
+            self.correction.corrected(&self.rigs.mounts(values), self.weights.terms(rig, seen).objective())
         };
         points.iter().zip(&rigs).zip(&seen).map(score).collect()
     }
@@ -251,8 +246,8 @@ impl<'a> SceneSearch<'a> {
         &self.space
     }
 
-    fn corrected(&self, tried: &Tried) -> f64 {
-        tried.score + self.correction.of(&tried.mounts)
+    pub(super) fn corrected(&self, tried: &Tried) -> f64 {
+        self.correction.corrected(&tried.mounts, tried.score)
     }
 
     fn trial(&self, tried: &Tried) -> Trial {
@@ -295,7 +290,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// The model looks at points.
-    fn look(&mut self, points: &[Vec<f64>], stride: usize) {
+    pub(super) fn look(&mut self, points: &[Vec<f64>], stride: usize) {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
         let first = self.tried.len();
         let scores: Vec<f64> = match self.known.scores.get(first..first + points.len()) {
@@ -312,50 +307,6 @@ impl<'a> SceneSearch<'a> {
                 violation_m: self.rigs.violation_m(rig),
             });
         }
-    }
-
-    /// The `round`th local search, from 1. Steps from the best mounts, ever shorter, until so many are looked at: an evolution
-    /// strategy with the best as parents, with differences between parents for directions (Storn, Price 1997,
-    /// doi:10.1023/A:1008202821328).
-    fn search_locally(
-        &mut self,
-        limit: usize,
-        round: usize,
-        progress: &dyn Fn(&Self, &str),
-        stop: &AtomicBool,
-    ) {
-        let round = round.min(2);
-        let mut rng = Rng::new(self.plan.seed, round as u64);
-        let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
-        let first = self.tried.len();
-        while self.tried.len() < limit && !stop.load(Ordering::Relaxed) {
-            let done = (self.tried.len() - first) as f64 / (limit - first) as f64;
-            let share = first_share * (last_share / first_share).powf(done);
-            let ranked = self.ranked();
-            let mut parents = if round == 1 { self.by_pitch_signs(&ranked) } else { vec![ranked] };
-            parents.iter_mut().for_each(|parents| parents.truncate(PARENTS));
-            let children = CHILDREN.min(limit - self.tried.len());
-            let points: Vec<Vec<f64>> =
-                (0..children).map(|at| self.child(&parents[at % parents.len()], share, &mut rng)).collect();
-            self.look(&points, SPARSE[round]);
-            progress(self, "looking at mounts around the best ones");
-        }
-    }
-
-    fn child(&self, parents: &[usize], share: f64, rng: &mut Rng) -> Vec<f64> {
-        let mut parent = |power: i32| {
-            let at = (rng.uniform().powi(power) * parents.len() as f64) as usize;
-            &self.tried[parents[at.min(parents.len() - 1)]].values
-        };
-        let (start, one, other) = (parent(2), parent(1), parent(1));
-        let along = if rng.uniform() < 0.5 { 0.5 } else { 0.0 };
-        let mut child = start.clone();
-        for (at, variable) in self.space.variables().iter().enumerate() {
-            let step = share * (variable.high - variable.low) * rng.normal();
-            child[at] += step + along * (one[at] - other[at]);
-        }
-        self.space.clamp(&mut child);
-        child
     }
 
     /// The best trials that lie apart from each other, best first, among those allowed; nearer ones where there are too few.
@@ -376,7 +327,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// Trials from the best to the worst by the corrected model.
-    fn ranked(&self) -> Vec<usize> {
+    pub(super) fn ranked(&self) -> Vec<usize> {
         let trials: Vec<Trial> = self.tried.iter().map(|tried| self.trial(tried)).collect();
         let mut ranked: Vec<usize> = (0..trials.len()).collect();
         ranked.sort_by(|a, b| trials[*a].order(&trials[*b]));
@@ -421,7 +372,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// Ranked trials by which of the sensors are pitched up: the group of the best one first, the other groups but one left out.
-    fn by_pitch_signs(&self, ranked: &[usize]) -> Vec<Vec<usize>> {
+    pub(super) fn by_pitch_signs(&self, ranked: &[usize]) -> Vec<Vec<usize>> {
         let is_up = |at: usize| self.tried[at].mounts.iter().map(|mount| mount.pitch_rad > 0.0);
         let mut groups: Vec<Vec<usize>> = Vec::new();
         for at in ranked {
@@ -464,11 +415,11 @@ impl<'a> SceneSearch<'a> {
     }
 
     fn correct(&mut self) {
-        let error = |exact: &Exact| {
+        let observed = |exact: &Exact| {
             let tried = self.tried.iter().find(|tried| tried.values == exact.values)?;
-            Some((tried.mounts.clone(), exact.objective() - tried.score))
+            Some(Observed { masters: tried.mounts.clone(), model: tried.score, exact: exact.objective() })
         };
-        let observed: Vec<(Vec<Mount>, f64)> = self.exact.iter().filter_map(error).collect();
+        let observed: Vec<Observed> = self.exact.iter().filter_map(observed).collect();
         self.correction = Correction::fit(&observed);
     }
 }

@@ -76,7 +76,7 @@ pub(crate) struct Best {
 pub(crate) struct ModelDocument {
     #[serde(flatten)]
     pub cost: BuildCost,
-    /// Exact minus corrected; null for fewer than three exact evaluations.
+    /// Exact minus corrected; null for fewer than eight exact evaluations.
     pub model_error: Option<ModelError>,
     /// Voxels that the best mounts of the spread all see for certain.
     pub certain_voxels: usize,
@@ -221,15 +221,18 @@ impl Document {
 
     fn model_line(&self) -> Option<String> {
         let (error, cost) = (self.model.model_error?, &self.model.cost);
+        let step =
+            error.step_z_m.map(|z_m| format!("; what is seen changes at a stroke where z is {z_m:.2} m"));
         Some(format!(
             "{} views, {} heights, {:.0} MB; off by {:.0} voxels, {:.0} after the correction (standard deviation over {} \
-             exact mounts)",
+             exact mounts){}",
             cost.views,
             cost.layers,
             cost.bytes as f64 * 1e-6,
             error.uncorrected_mean,
             error.sd,
-            error.n
+            error.n,
+            step.unwrap_or_default()
         ))
     }
 
