@@ -1,12 +1,9 @@
 //! What the model gets wrong, as a function of the mounts and of its own score: a ridge fit of exact minus model, and a step in
 //! height where one is seen.
 
-use nalgebra::{DMatrix, DVector};
-
+use super::ridge::{RidgeFit, dot};
 use crate::rig::Mount;
 
-/// Terms of one master without the constant.
-const TERMS: usize = 6;
 /// Weight of a term of size one against the data, in observations.
 const RIDGE: f64 = 0.05;
 /// Lengths and angles over which the terms are of size one.
@@ -74,7 +71,7 @@ impl Basis {
     /// A sensor far ahead or behind sees around corners what the middle does not. Of what the model misses, a good mount sees
     /// another share than a bad one.
     fn terms(&self, masters: &[Mount], score: f64) -> Vec<f64> {
-        let of_master = |mount: &Mount| -> [f64; TERMS] {
+        let of_master = |mount: &Mount| {
             let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);
             let pitch = mount.pitch_rad / PITCH_RAD;
             let side = if pitch < 0.0 { -1.0 } else { 1.0 };
@@ -115,43 +112,38 @@ impl Correction {
 
     /// Of two rigs or more.
     fn with(basis: Basis, observed: &[Observed]) -> Self {
-        let rows: Vec<Vec<f64>> = observed.iter().map(|rig| basis.terms(&rig.masters, rig.model)).collect();
-        let (n, columns) = (rows.len(), rows[0].len());
+        let mut rows: Vec<Vec<f64>> =
+            observed.iter().map(|rig| basis.terms(&rig.masters, rig.model)).collect();
+        let n = rows.len();
         let mean = observed.iter().map(Observed::error).sum::<f64>() / n as f64;
-        let mut middle = vec![0.0; columns];
-        rows.iter()
-            .for_each(|row| middle.iter_mut().zip(row).for_each(|(sum, value)| *sum += value / n as f64));
-        let design = DMatrix::from_fn(n, columns, |row, column| rows[row][column] - middle[column]);
-        let target = DVector::from_fn(n, |row, _| observed[row].error() - mean);
-        let mut normal = design.transpose() * &design;
-        for column in 0..columns {
-            normal[(column, column)] += RIDGE * n as f64 * 0.1 + RIDGE;
-        }
-        let Some(inverse) = normal.cholesky().map(|factors| factors.inverse()) else {
+        let middle: Vec<f64> =
+            (0..rows[0].len()).map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / n as f64).collect();
+        let centre =
+            |row: &mut Vec<f64>| row.iter_mut().zip(&middle).for_each(|(term, middle)| *term -= middle);
+        rows.iter_mut().for_each(centre);
+        let targets: Vec<f64> = observed.iter().map(|rig| rig.error() - mean).collect();
+        let Some(fit) = RidgeFit::new(&rows, &targets, |_| RIDGE * n as f64 * 0.1 + RIDGE) else {
             return Self { constant: mean, ..Self::default() };
         };
-        let weights = &inverse * design.transpose() * &target;
-        let hat = &design * inverse * design.transpose();
-        let residuals = &target - &design * &weights;
         // each left out in turn, without fitting again (Hastie, Tibshirani, Friedman 2009, equation 7.64)
-        let left_out: Vec<f64> =
-            (0..n).map(|row| residuals[row] / (1.0 - hat[(row, row)] - 1.0 / n as f64).max(1e-3)).collect();
+        let left_out: Vec<f64> = rows
+            .iter()
+            .zip(&targets)
+            .map(|(row, target)| {
+                (target - fit.value(row)) / (1.0 - fit.leverage(row) - 1.0 / n as f64).max(1e-3)
+            })
+            .collect();
         let left_mean = left_out.iter().sum::<f64>() / n as f64;
         let square = left_out.iter().map(|error| (error - left_mean).powi(2)).sum::<f64>();
         let sd = (square / (n - 1) as f64).sqrt();
-        let constant = mean - weights.iter().zip(&middle).map(|(weight, value)| weight * value).sum::<f64>();
+        let constant = mean - fit.value(&middle);
         let error = ModelError { mean: left_mean, sd, n, uncorrected_mean: mean, step_z_m: basis.step_z_m };
-        Self { basis, constant, weights: weights.iter().copied().collect(), error: Some(error) }
+        Self { basis, constant, weights: fit.weights, error: Some(error) }
     }
 
     /// J of a rig's masters as rays would find it, by its score of the model.
     pub(crate) fn corrected(&self, masters: &[Mount], score: f64) -> f64 {
-        if self.weights.is_empty() {
-            return score + self.constant;
-        }
-        let terms = self.basis.terms(masters, score);
-        let error = self.weights.iter().zip(terms).map(|(weight, term)| weight * term).sum::<f64>();
-        score + self.constant + error
+        score + self.constant + dot(&self.weights, &self.basis.terms(masters, score))
     }
 
     pub(crate) fn error(&self) -> Option<ModelError> {
@@ -164,7 +156,7 @@ mod tests {
     use super::*;
     use crate::base::rng::Rng;
 
-    /// Rigs whose error is smooth, a share of their score and `step` voxels more above z = 3 cm.
+    /// Rigs with an error that is smooth, a share of their score and `step` voxels more above z = 3 cm.
     fn observe(rng: &mut Rng, count: usize, step: f64, noise: f64) -> Vec<Observed> {
         let mut rig = || {
             let mount = Mount {

@@ -39,8 +39,8 @@ impl SceneSearch<'_> {
             let ranked = self.ranked();
             let groups = if round == 1 { self.by_pitch_signs(&ranked) } else { vec![ranked] };
             let aimed = self.plan.aimed;
-            let tops: Vec<Option<Vec<f64>>> =
-                groups.iter().map(|group| self.top(group, share).filter(|_| aimed > 0)).collect();
+            let top = |group: &Vec<usize>| if aimed > 0 { self.top(group, share) } else { None };
+            let tops: Vec<Option<Vec<f64>>> = groups.iter().map(top).collect();
             let child = |at: usize| {
                 let own = at % groups.len();
                 match &tops[own] {
@@ -61,9 +61,8 @@ impl SceneSearch<'_> {
         let allowed = ranked.iter().map(|at| &self.tried[*at]).filter(|tried| tried.violation_m == 0.0);
         let scored: Vec<(Vec<f64>, f64)> =
             allowed.map(|tried| (self.space.to_unit(&tried.values), self.corrected(tried))).collect();
-        let top = Quadratic::fit(&scored, (2.0 * near).max(LEAST_REACH))?.highest(near);
-        let variables = self.space.variables().iter().zip(top);
-        Some(variables.map(|(variable, unit)| variable.low + unit * (variable.high - variable.low)).collect())
+        let quadratic = Quadratic::fit(&scored, (2.0 * near).max(LEAST_REACH))?;
+        Some(self.space.values_at(&quadratic.highest(near)))
     }
 
     fn child(&self, parents: &[usize], share: f64, rng: &mut Rng) -> Vec<f64> {

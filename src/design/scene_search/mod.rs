@@ -9,6 +9,7 @@ mod correction;
 mod local;
 mod plan;
 mod quadratic;
+mod ridge;
 mod rig_space;
 mod search;
 mod sites;

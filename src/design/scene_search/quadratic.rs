@@ -1,7 +1,7 @@
 //! A quadratic through evaluated points and where it is highest: what single points scatter, it averages (Box, Wilson 1951,
 //! doi:10.1111/j.2517-6161.1951.tb00067.x).
 
-use nalgebra::{DMatrix, DVector};
+use super::ridge::RidgeFit;
 
 /// Points for each coefficient: the best of them, if there are so many, and never fewer than the second.
 const POINTS: [f64; 2] = [4.0, 1.33];
@@ -11,11 +11,10 @@ const RIDGE: f64 = 1e-5;
 const ROUNDS: usize = 12;
 
 /// A value and how it goes from a middle.
-#[derive(Clone, Debug)]
 pub(super) struct Quadratic {
     middle: Vec<f64>,
     reach: f64,
-    coefficients: DVector<f64>,
+    fit: RidgeFit,
 }
 
 impl Quadratic {
@@ -33,18 +32,14 @@ impl Quadratic {
             return None;
         }
         let rows: Vec<Vec<f64>> = near.iter().map(|(point, _)| terms(point, middle, reach)).collect();
-        let design = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
-        let target = DVector::from_fn(rows.len(), |row, _| near[row].1 - top);
-        let mut normal = design.transpose() * &design;
-        for column in 1..columns {
-            normal[(column, column)] += RIDGE * rows.len() as f64;
-        }
-        let coefficients = normal.cholesky()?.solve(&(design.transpose() * target));
-        Some(Self { middle: middle.clone(), reach, coefficients })
+        let targets: Vec<f64> = near.iter().map(|(_, value)| value - top).collect();
+        let weight = RIDGE * rows.len() as f64;
+        let fit = RidgeFit::new(&rows, &targets, |column| if column == 0 { 0.0 } else { weight })?;
+        Some(Self { middle: middle.clone(), reach, fit })
     }
 
     fn value(&self, point: &[f64]) -> f64 {
-        terms(point, &self.middle, self.reach).iter().zip(&self.coefficients).map(|(a, b)| a * b).sum()
+        self.fit.value(&terms(point, &self.middle, self.reach))
     }
 
     /// The highest point of the unit cube within `near` of the middle in every coordinate, one coordinate after the other.

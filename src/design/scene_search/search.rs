@@ -150,7 +150,7 @@ impl<'a> SceneSearch<'a> {
         self.look_again(&best);
         let early = early.min(correcting);
         let first = (spread + local).min(evaluations);
-        // corrected by good mounts all over; where exact evaluations are cheap also amid the second search, by its best mounts
+        // corrected by good mounts all over; by the plan also amid the second search, by its best mounts
         let second = if amid > 0 { (first + evaluations) / 2 } else { evaluations };
         let rounds = [(early, first), (correcting - early, second), (amid, evaluations)];
         for (round, (count, limit)) in (1..).zip(rounds) {
