@@ -2,14 +2,13 @@
 
 use serde::Serialize;
 
-use super::plan::Judges;
 use super::search::{Exact, SceneSearch, tilt_rad};
 use super::weights::{angle_deg, no_fewer_than_seen, share_of};
 use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
-use crate::simulate::view::{CastSites, Seen};
+use crate::simulate::view::Seen;
 use crate::world::coverage::Coverage;
 
 /// Loss of J that a flat range allows, as a share of the voxels seen.
@@ -174,15 +173,11 @@ impl SceneSearch<'_> {
 
     /// What a rig sees at three starts of the revolutions. By thinned beams, where those searched, the counts scatter a little
     /// more than by all.
-    fn phases(&self, rig: &Rig, seen: &Seen) -> Vec<Seen> {
-        let Judges { cast, thinned, .. } = self.judges;
-        let see = |cast: &CastSites, phase: f64| cast.at_phase(phase).see(std::slice::from_ref(rig));
-        let mut phases: Vec<Seen> =
-            PHASES.iter().flat_map(|phase| see(thinned.as_ref().unwrap_or(cast), *phase)).collect();
-        phases.extend(match thinned {
-            Some(thinned) => see(thinned, 0.0),
-            None => vec![seen.clone()],
-        });
+    fn phases(&self, winner: &Exact) -> Vec<Seen> {
+        let cast = self.judges.while_searching();
+        let see = |phase: &f64| cast.at_phase(*phase).see(std::slice::from_ref(&winner.rig));
+        let mut phases: Vec<Seen> = PHASES.iter().flat_map(see).collect();
+        phases.push(winner.seen_thinned.as_ref().unwrap_or(&winner.seen).clone());
         phases
     }
 
@@ -191,7 +186,7 @@ impl SceneSearch<'_> {
     pub(crate) fn answer(&self, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
         let cast = &self.judges.cast;
         let first = exact.first()?;
-        let phases = self.phases(&first.rig, &first.seen);
+        let phases = self.phases(first);
         let counts: Vec<f64> = phases.iter().map(|seen| seen.union).collect();
         let mean = counts.iter().sum::<f64>() / counts.len() as f64;
         let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
@@ -205,6 +200,7 @@ impl SceneSearch<'_> {
             rig: level_rig,
             seen: level_seen,
             terms: level_terms,
+            seen_thinned: None,
             coverage: None,
         };
         let level = level_exact.clone();
@@ -249,7 +245,8 @@ impl SceneSearch<'_> {
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
-        let rays: u64 = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
+        let rays: u64 =
+            seen.iter().chain(&phases[..PHASES.len()]).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             best: judged_of(&winner.rig, &winner.seen),
             level: judged_of(&level.rig, &level.seen),

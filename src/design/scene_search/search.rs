@@ -30,6 +30,8 @@ pub(crate) struct Exact {
     pub values: Vec<f64>,
     pub rig: Rig,
     pub seen: Seen,
+    /// By the beams that judge while searching, where these are not all.
+    pub seen_thinned: Option<Seen>,
     pub terms: Terms,
     /// By site the voxels seen, where they are held.
     pub coverage: Option<Vec<Coverage>>,
@@ -217,13 +219,15 @@ impl<'a> SceneSearch<'a> {
         self.exact.truncate(self.plan.whole);
         for exact in &mut self.exact {
             let known = self.known.whole.iter().find(|(values, _)| *values == exact.values);
-            (exact.seen, exact.coverage) = match known {
+            let (seen, coverage) = match known {
                 Some((_, seen)) => (seen.clone(), None),
                 None => {
                     let (seen, coverage) = self.judges.cast.cover(&exact.rig);
                     (seen, Some(coverage))
                 }
             };
+            exact.seen_thinned = Some(std::mem::replace(&mut exact.seen, seen));
+            exact.coverage = coverage;
             exact.terms = self.weights.terms(&exact.rig, &exact.seen);
             self.found.whole.push((exact.values.clone(), exact.seen.clone()));
         }
@@ -406,7 +410,7 @@ impl<'a> SceneSearch<'a> {
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();
-            self.exact.push(Exact { values, rig, seen, terms, coverage: None });
+            self.exact.push(Exact { values, rig, seen, seen_thinned: None, terms, coverage: None });
         }
         let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
         if let Some(best) = memo.map(Exact::objective).reduce(f64::max) {
