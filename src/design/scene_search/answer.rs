@@ -171,14 +171,12 @@ impl SceneSearch<'_> {
         }
     }
 
-    /// What a rig sees at three starts of the revolutions. By thinned beams, where those searched, the counts scatter a little
+    /// What a rig sees at other starts of the revolutions. By thinned beams, where those searched, the counts scatter a little
     /// more than by all.
-    fn phases(&self, winner: &Exact) -> Vec<Seen> {
+    fn phases(&self, rig: &Rig) -> Vec<Seen> {
         let cast = self.judges.while_searching();
-        let see = |phase: &f64| cast.at_phase(*phase).see(std::slice::from_ref(&winner.rig));
-        let mut phases: Vec<Seen> = PHASES.iter().flat_map(see).collect();
-        phases.push(winner.seen_thinned.as_ref().unwrap_or(&winner.seen).clone());
-        phases
+        let see = |phase: &f64| cast.at_phase(*phase).see(std::slice::from_ref(rig));
+        PHASES.iter().flat_map(see).collect()
     }
 
     /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
@@ -186,8 +184,9 @@ impl SceneSearch<'_> {
     pub(crate) fn answer(&self, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
         let cast = &self.judges.cast;
         let first = exact.first()?;
-        let phases = self.phases(first);
-        let counts: Vec<f64> = phases.iter().map(|seen| seen.union).collect();
+        let phases = self.phases(&first.rig);
+        let searched = first.seen_thinned.as_ref().unwrap_or(&first.seen);
+        let counts: Vec<f64> = phases.iter().chain([searched]).map(|seen| seen.union).collect();
         let mean = counts.iter().sum::<f64>() / counts.len() as f64;
         let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
         let phase_sd_voxels = (square / (counts.len() - 1) as f64).sqrt();
@@ -245,8 +244,7 @@ impl SceneSearch<'_> {
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
-        let rays: u64 =
-            seen.iter().chain(&phases[..PHASES.len()]).chain([&level.seen]).map(|seen| seen.rays).sum();
+        let rays: u64 = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             best: judged_of(&winner.rig, &winner.seen),
             level: judged_of(&level.rig, &level.seen),

@@ -11,7 +11,7 @@ pub(super) struct RidgeFit {
 
 impl RidgeFit {
     /// To rows of terms, all of one length, and a target for each. `ridge` by term: its weight of size one against the data, in
-    /// rows. None where terms cannot be told apart.
+    /// rows. None where terms depend on each other.
     pub(super) fn new(rows: &[Vec<f64>], targets: &[f64], ridge: impl Fn(usize) -> f64) -> Option<Self> {
         let columns = rows.first().map_or(0, Vec::len);
         let product = |a: usize, b: usize| rows.iter().map(|row| row[a] * row[b]).sum::<f64>();

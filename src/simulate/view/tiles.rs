@@ -47,7 +47,8 @@ impl Tiles<'_> {
         let row_rad = (elevations_rad[rows - 1] - elevations_rad[0]) / (rows - 1).max(1) as f64;
         let column_rad = std::f64::consts::TAU / self.fan.columns as f64;
         let edge_rad = |rows: usize| rows as f64 * row_rad + (PACKET / rows) as f64 * column_rad;
-        let candidates = [16, 8, 4, 2, 1].into_iter().filter(|together| *together <= rows);
+        let powers = (0..=PACKET.ilog2()).rev().map(|power| 1 << power);
+        let candidates = powers.filter(|together| *together <= rows);
         candidates.min_by(|a, b| edge_rad(*a).total_cmp(&edge_rad(*b))).unwrap_or(1)
     }
 }
