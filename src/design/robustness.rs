@@ -11,7 +11,10 @@ use serde::{Deserialize, Serialize};
 use crate::base::rng::Rng;
 use crate::base::statistics::index_of_max;
 use crate::design::objective::{ExperimentError, Objective};
-use crate::rig::{MountDeg, Phase};
+use crate::rig::{MountDeg, Phase, Rig};
+
+/// Of the draws that a search reckons with: the same in every search, so that scores compare.
+pub(crate) const SEARCH_SEED: u64 = 1;
 
 /// How far a built rig may be from the planned one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,6 +25,40 @@ pub struct Tolerance {
     pub angle_deg: f64,
     /// Whether the azimuth at which revolutions start is left to chance as well.
     pub free_phase: bool,
+}
+
+impl Tolerance {
+    /// By how much one draw of a sensor is off: x, y, z, m, pitch and roll, degrees.
+    fn errors(&self, seed: u64, draw: usize, sensor: usize) -> [f64; 5] {
+        let Self { position_m, angle_deg, .. } = *self;
+        let mut rng = Rng::new(seed, ((draw as u64) << 16) | sensor as u64);
+        [position_m, position_m, position_m, angle_deg, angle_deg].map(|most| rng.between(-most, most))
+    }
+
+    /// A rig as it might be built, one draw.
+    pub(crate) fn built(&self, rig: &Rig, seed: u64, draw: usize) -> Rig {
+        let mut built = rig.clone();
+        for (index, sensor) in built.sensors.iter_mut().enumerate() {
+            let [x_m, y_m, z_m, pitch_deg, roll_deg] = self.errors(seed, draw, index);
+            sensor.mount.x_m += x_m;
+            sensor.mount.y_m += y_m;
+            sensor.mount.z_m += z_m;
+            sensor.mount.pitch_rad += pitch_deg.to_radians();
+            sensor.mount.roll_rad += roll_deg.to_radians();
+        }
+        built
+    }
+
+    /// # Errors
+    /// Below 0 or not finite, or no draws.
+    pub(crate) fn check(&self, draws: usize) -> Result<(), RobustnessError> {
+        let Self { position_m, angle_deg, .. } = *self;
+        let is_length = |value: f64| value.is_finite() && value >= 0.0;
+        match is_length(position_m) && is_length(angle_deg) && draws > 0 {
+            true => Ok(()),
+            false => Err(RobustnessError::Tolerance { position_m, angle_deg, draws }),
+        }
+    }
 }
 
 /// Which number of the draws counts.
@@ -48,7 +85,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    fn of(scores: &[f64]) -> Self {
+    pub(crate) fn of(scores: &[f64]) -> Self {
         let count = scores.len() as f64;
         let mean = scores.iter().sum::<f64>() / count;
         let squares = scores.iter().map(|score| (score - mean).powi(2)).sum::<f64>();
@@ -60,7 +97,8 @@ impl Spread {
         }
     }
 
-    fn counts(&self, criterion: Criterion) -> f64 {
+    /// The number that counts.
+    pub(crate) fn counts(&self, criterion: Criterion) -> f64 {
         match criterion {
             Criterion::Expected => self.mean,
             Criterion::Worst => self.worst,
@@ -86,6 +124,12 @@ pub struct Choice {
 /// One draw of so many is enough for a first look, and one candidate of so many worth all draws.
 const FEW: usize = 4;
 
+/// How far the pattern of a draw has turned, in steps of the azimuth: the same stratified phases for every seed, evenly spread over a
+/// step.
+pub(crate) fn phase_of(draw: usize, draws: usize) -> f64 {
+    (draw as f64 + 0.5) / draws as f64
+}
+
 /// An objective and the draws it is judged by.
 #[derive(Clone, Debug, Serialize)]
 pub struct Robustness {
@@ -108,17 +152,12 @@ impl Robustness {
         draws: usize,
         seed: u64,
     ) -> Result<Self, RobustnessError> {
-        let Tolerance { position_m, angle_deg, free_phase } = tolerance;
-        let is_length = |value: f64| value.is_finite() && value >= 0.0;
-        if !is_length(position_m) || !is_length(angle_deg) || draws == 0 {
-            return Err(RobustnessError::Tolerance { position_m, angle_deg, draws });
-        }
+        tolerance.check(draws)?;
         let mut objectives = vec![objective.clone()];
-        if free_phase {
+        if tolerance.free_phase {
             objectives = (0..draws)
                 .map(|draw| {
-                    // the same stratified phases for every seed: evenly spread over a step of the azimuth
-                    let phase_shift = (draw as f64 + 0.5) / draws as f64;
+                    let phase_shift = phase_of(draw, draws);
                     objective.changed(|experiment| {
                         (experiment.phase, experiment.phase_shift) = (Phase::Free, phase_shift);
                     })
@@ -135,23 +174,18 @@ impl Robustness {
 
     /// The sensors as they might be built, one draw.
     fn built(&self, sensors: &[MountDeg], draw: usize) -> Vec<MountDeg> {
-        let Tolerance { position_m, angle_deg, .. } = self.tolerance;
-        sensors
-            .iter()
-            .enumerate()
-            .map(|(index, sensor)| {
-                let mut rng = Rng::new(self.seed, ((draw as u64) << 16) | index as u64);
-                let mut off = |most: f64| rng.between(-most, most);
-                MountDeg {
-                    x_m: sensor.x_m + off(position_m),
-                    y_m: sensor.y_m + off(position_m),
-                    z_m: sensor.z_m + off(position_m),
-                    pitch_deg: sensor.pitch_deg + off(angle_deg),
-                    roll_deg: sensor.roll_deg + off(angle_deg),
-                    sensor_type: sensor.sensor_type,
-                }
-            })
-            .collect()
+        let built = |(index, sensor): (usize, &MountDeg)| {
+            let [x_m, y_m, z_m, pitch_deg, roll_deg] = self.tolerance.errors(self.seed, draw, index);
+            MountDeg {
+                x_m: sensor.x_m + x_m,
+                y_m: sensor.y_m + y_m,
+                z_m: sensor.z_m + z_m,
+                pitch_deg: sensor.pitch_deg + pitch_deg,
+                roll_deg: sensor.roll_deg + roll_deg,
+                sensor_type: sensor.sensor_type,
+            }
+        };
+        sensors.iter().enumerate().map(built).collect()
     }
 
     /// J of each draw for these physical sensors.

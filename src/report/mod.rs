@@ -9,6 +9,7 @@ mod blind_spots;
 pub mod chart;
 pub(crate) mod comparison;
 pub(crate) mod completeness;
+mod counted;
 pub(crate) mod decoding;
 pub(crate) mod figures;
 mod headlines;

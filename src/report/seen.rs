@@ -3,10 +3,11 @@
 use serde::Serialize;
 
 use super::Report;
-use super::chart::{count, number};
+use super::chart::count;
 use super::completeness::{Pictures, SurfaceDocument};
+use super::counted::Counted;
 use super::prediction::GridDocument;
-use crate::design::objective::Terms;
+use crate::design::scene_search::WeightRule;
 use crate::rig::{Conflicts, Rig};
 use crate::simulate::quality::Quality;
 use crate::world::coverage::{Counts, Coverage};
@@ -15,18 +16,9 @@ use crate::world::local_origin::LocalOrigin;
 /// The document.
 #[derive(Serialize)]
 pub(crate) struct Document {
-    /// J.
-    pub objective: f64,
-    pub unique_voxels: u64,
-    /// Voxels that can be seen from the trajectory, and no fewer than are seen.
-    pub reachable_voxels: u64,
-    pub overlap_voxels: u64,
-    pub overlap_ratio: f64,
-    pub min_angle_deg: Option<f64>,
+    #[serde(flatten)]
+    counted: Counted,
     pub sensors: Vec<SensorDocument>,
-    pub per_sensor_voxels: Vec<u64>,
-    pub unique_per_sensor: Vec<u64>,
-    pub terms: Terms,
     feasible: bool,
     #[serde(flatten)]
     pub conflicts: Conflicts,
@@ -58,10 +50,10 @@ pub(crate) struct SensorDocument {
 }
 
 /// What is counted elsewhere.
-pub(crate) struct Scored {
-    pub terms: Terms,
-    pub reachable_voxels: u64,
-    pub min_angle_deg: Option<f64>,
+pub(crate) struct Elsewhere {
+    /// Voxels that can be seen from the trajectory.
+    pub observable: u64,
+    pub weights: WeightRule,
     pub rays: u64,
     /// Where the local frame of the grid begins.
     pub origin: LocalOrigin,
@@ -80,7 +72,7 @@ impl Document {
         coverage: &Coverage,
         counts: &Counts,
         spins: &[(usize, u64)],
-        scored: Scored,
+        elsewhere: Elsewhere,
     ) -> Self {
         let conflicts = rig.conflicts();
         let sensor = |(index, (columns, scans)): (usize, &(usize, u64))| SensorDocument {
@@ -92,26 +84,18 @@ impl Document {
             unique_voxels: counts.unique_per_sensor[index],
         };
         Self {
-            objective: scored.terms.objective(),
-            unique_voxels: counts.union,
-            reachable_voxels: scored.reachable_voxels,
-            overlap_voxels: counts.overlap,
-            overlap_ratio: counts.overlap_ratio(),
-            min_angle_deg: scored.min_angle_deg,
+            counted: Counted::new(rig, counts, elsewhere.observable, elsewhere.weights),
             sensors: spins.iter().enumerate().map(sensor).collect(),
-            per_sensor_voxels: counts.per_sensor.clone(),
-            unique_per_sensor: counts.unique_per_sensor.clone(),
-            terms: scored.terms,
             feasible: conflicts.violations.is_empty(),
             conflicts,
             coverage_sha256: coverage.union_sha256(),
-            rays: scored.rays,
-            grid: GridDocument::of(coverage.grid(), scored.origin),
-            trajectory_length_m: scored.trajectory_length_m,
-            surface: scored.surface,
-            quality: scored.quality,
-            warnings: scored.warnings,
-            wall_s: scored.wall_s,
+            rays: elsewhere.rays,
+            grid: GridDocument::of(coverage.grid(), elsewhere.origin),
+            trajectory_length_m: elsewhere.trajectory_length_m,
+            surface: elsewhere.surface,
+            quality: elsewhere.quality,
+            warnings: elsewhere.warnings,
+            wall_s: elsewhere.wall_s,
         }
     }
 }
@@ -124,9 +108,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     let rays = count(document.rays);
     report.figure("cast", format!("{rays} rays of ideal sensors in {:.2} s", document.wall_s));
     report.figures(document.quality.map(|quality| ("counted", quality.words(true))));
-    let overlap = 100.0 * document.overlap_ratio;
-    report.figure("overlap", format!("{overlap:.2} % of the voxels seen are seen by two sensors or more"));
-    report.figure("score", format!("J {}", number(document.objective, 1)));
+    report.figures(document.counted.figures());
     report.figures(document.conflicts.figures());
     let pictured = pictures.map(|pictures| (pictures, pictures.orbit_view(&mut report)));
     report.heading("The sensors");
@@ -148,7 +130,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
 
 impl Document {
     fn sentence(&self) -> String {
-        let share = 100.0 * self.unique_voxels as f64 / self.reachable_voxels.max(1) as f64;
+        let share = self.counted.percent();
         let surface = self.surface.as_ref().map_or(String::new(), |surface| {
             let gain = surface.baselines.as_ref().map_or(String::new(), |baselines| {
                 let points = baselines.best_single.seen.gain_points["0.05"];
@@ -159,8 +141,8 @@ impl Document {
         format!(
             "{} sensors see {} of {} voxels of {} m that can be seen ({share:.1} %){surface}.",
             self.sensors.len(),
-            count(self.unique_voxels),
-            count(self.reachable_voxels),
+            count(self.counted.unique_voxels),
+            count(self.counted.reachable_voxels),
             self.grid.voxel_m,
         )
     }

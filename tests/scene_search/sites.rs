@@ -116,6 +116,9 @@ pub fn the_score_of_two_sites() {
     };
     assert_eq!(worst["best"]["objective"].as_f64().unwrap(), least(&worst));
     assert!(least(&worst) >= least(&found) - 5.0, "{} {}", least(&worst), least(&found));
+    assert!(worst.get("as_built").is_none(), "--robust alone is about the sites");
+    let built = folder.search(&sites, &["--robust", "worst", "--tolerance", "0.01,0", "--draws", "2"]);
+    assert_eq!((&built["robust"], &built["as_built"]["criterion"]), (&"worst".into(), &"worst".into()));
 }
 
 pub fn go_with_the_other_flags() {
@@ -155,7 +158,6 @@ pub fn refuse_what_is_about_one() {
         (&["--site", &one, "--site", "=0,0 1,0"], "SCENE=TRAJECTORY"),
         (&["--site", &one, "--site", &nowhere], "none.obj"),
         (&["--site", &one, "--scene", &scene], "--scene"),
-        (&["--site", &one, "--robust", "worst"], "--robust"),
         (&["--site", &one, "--site", &other, "--rate", "10"], "--rate"),
         (&["--preset", "paper-os1-64", "--site", &one], "--preset"),
     ] {

@@ -4,10 +4,10 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use super::scene_flags::SceneSearchArgs;
-use super::values::{ClearanceArg, Corners, Range, Switch, batch, percent, tilts};
+use super::values::{ClearanceArg, Corners, MountErrors, Range, Switch, batch, percent, tilts};
 use crate::commands::experiment_args::{ExperimentArgs, FidelityArg};
 use crate::design::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
-use crate::design::robustness::Criterion;
+use crate::design::robustness::{Criterion, Tolerance};
 
 /// Arguments of `optimize`.
 #[derive(clap::Args, Debug)]
@@ -60,12 +60,13 @@ pub struct Args {
     /// Pitch and roll are whole multiples of this: the step of a servo.
     #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 360.0))]
     pub(super) tilt_step: Option<f64>,
-    /// Maximise the expected or the worst J of rigs that are built with errors, or over several --site.
+    /// Maximise the expected or the worst J of rigs that are built with errors; of several --site that over the sites, with errors of
+    /// building where --tolerance is given.
     #[arg(long, value_enum, value_name = "CRITERION")]
     pub(super) robust: Option<Criterion>,
     /// Mount errors, uniform within plus and minus: "metres,degrees" [default: 0.01,1].
     #[arg(long, value_name = "M,DEG", allow_hyphen_values = true)]
-    pub(super) tolerance: Option<Range>,
+    pub(super) tolerance: Option<MountErrors>,
     /// Also leave to chance where revolutions start.
     #[arg(long, requires = "robust")]
     pub(super) free_spin: bool,
@@ -113,8 +114,9 @@ impl Args {
         self.clearance.map_or(KeepApart::None, |clearance| clearance.0)
     }
 
-    /// Assumed errors of a built mount, m and degrees.
-    pub(super) fn mount_errors(&self) -> (f64, f64) {
-        self.tolerance.map_or((0.01, 1.0), |Range(position_m, angle_deg)| (position_m, angle_deg))
+    /// Assumed errors of a built mount.
+    pub(super) fn tolerance(&self) -> Tolerance {
+        let MountErrors(position_m, angle_deg) = self.tolerance.unwrap_or(MountErrors(0.01, 1.0));
+        Tolerance { position_m, angle_deg, free_phase: self.free_spin }
     }
 }

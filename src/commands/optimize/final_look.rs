@@ -49,7 +49,7 @@ pub(super) fn judged(
     let stage = Stage::begin("looking again at the best mounts");
     let refined = refiner.map(|refiner| refiner.refine(problem, args.regret / 100.0)).transpose()?.flatten();
     let judged = is_judged
-        .then(|| JudgedShortlist::of_search(given, problem, search, args.mount_errors(), stop))
+        .then(|| JudgedShortlist::of_search(given, problem, search, args.tolerance(), stop))
         .transpose()?
         .flatten();
     drop(stage);

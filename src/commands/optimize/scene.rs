@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use super::args::Args;
 use super::scene_document::write;
 use super::scene_rigs::{fineness, largest, present, rig_space, sampling};
-use super::scene_runs::{Run, asked, compared};
+use super::scene_runs::{Run, asked, compared, errors};
 use super::site::sites;
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
@@ -17,16 +17,13 @@ use crate::design::scene_search::Views;
 use crate::report::scene_search::{Document, Pictures, report};
 
 /// What only a search in a published experiment knows.
-const OF_AN_EXPERIMENT: [&str; 15] = [
+const OF_AN_EXPERIMENT: [&str; 12] = [
     "method",
     "early_stop",
     "batch",
     "acquisition",
     "masters_max",
     "masters_min",
-    "tolerance",
-    "free_spin",
-    "draws",
     "final_look",
     "fidelity",
     "regret",
@@ -80,6 +77,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::check_places(files)?;
     let start = Instant::now();
     let rigs = rig_space(args)?;
+    let errors = errors(args, context)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
     let (sites, mut warnings) = sites(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
@@ -99,7 +97,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let views = Views::new(sites, &units, (&sampling, &fineness(&rigs)), &largest(args, &rigs), &asked)
         .map_err(|error| if error.is_usage() { wrong_usage(error) } else { error.into() })?;
     let Views { mut model, judges, weights } = views;
-    let run = Run { args, judges: &judges, weights, evaluations, seed, stage: &stage, stop: &stop };
+    let run = Run { args, judges: &judges, weights, evaluations, seed, errors, stage: &stage, stop: &stop };
     let cast = &judges.cast;
     let (rigs, known, found) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;

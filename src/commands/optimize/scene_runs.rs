@@ -6,12 +6,12 @@ use anyhow::bail;
 
 use super::args::Args;
 use super::scene_flags::Counts;
-use crate::commands::output;
 use crate::commands::stage::Stage;
+use crate::commands::{Context, output, wrong_usage};
 use crate::design::robustness::Criterion;
 use crate::design::scene_search::{
-    Asked, Exact, Findings, Judges, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd,
-    SearchState, no_fewer_than_seen, share_of,
+    Asked, BuildErrors, Exact, Findings, Judges, Plan, Question, RigSpace, SceneSearch, SceneWeights,
+    SearchEnd, SearchState, no_fewer_than_seen, share_of,
 };
 use crate::report::scene_search::CountDocument;
 use crate::simulate::view::CellSites;
@@ -23,6 +23,7 @@ pub(super) struct Run<'a, 's> {
     pub(super) weights: SceneWeights,
     pub(super) evaluations: usize,
     pub(super) seed: u64,
+    pub(super) errors: BuildErrors,
     pub(super) stage: &'s Stage,
     pub(super) stop: &'s AtomicBool,
 }
@@ -58,6 +59,13 @@ pub(super) fn asked(args: &Args) -> Asked<'_> {
     }
 }
 
+/// The errors of building that are reckoned with. Of several sites --robust is about the sites, unless errors are given.
+pub(super) fn errors(args: &Args, context: Context) -> anyhow::Result<BuildErrors> {
+    let is_given = args.tolerance.is_some() || args.free_spin || context.is_typed("draws");
+    let criterion = args.robust.filter(|_| is_given || args.scene.site.len() < 2);
+    BuildErrors::new(args.tolerance(), args.draws as usize, criterion).map_err(wrong_usage)
+}
+
 impl<'a> Run<'a, '_> {
     /// Searches with each number of sensors that is asked for; the rigs of the best number by J, and what was found there.
     pub(super) fn by_count(
@@ -79,8 +87,8 @@ impl<'a> Run<'a, '_> {
                 ));
                 continue;
             };
-            if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
-                best = Some((winner.objective(), rigs.clone(), findings));
+            if best.as_ref().is_none_or(|(score, ..)| winner.score() > *score) {
+                best = Some((winner.score(), rigs.clone(), findings));
             }
             found.push(OfCount { sensors, best: winner });
         }
@@ -103,7 +111,7 @@ impl<'a> Run<'a, '_> {
         'a: 'b,
     {
         let rays = self.judges.cast.rays(&rigs.any());
-        let plan = Plan::new(self.evaluations, self.seed, rays, self.judges.thinning);
+        let plan = Plan::new(self.evaluations, self.seed, rays, self.judges.thinning, self.errors);
         let mut state = None;
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,

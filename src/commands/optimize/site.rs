@@ -33,9 +33,6 @@ pub(super) fn sites(args: &Args, context: Context) -> anyhow::Result<(Vec<Found>
     if places.len() > 1 {
         let why = "writes one trajectory, and there are several --site: give one of them by --scene and --trajectory";
         context.ensure_not_typed(&["trajectory_out"], why)?;
-    } else {
-        let why = "is about a published experiment, or about several --site";
-        context.ensure_not_typed(&["robust"], why)?;
     }
     let mut warnings = Vec::new();
     let mut sites = Vec::new();

@@ -7,10 +7,7 @@ use crate::commands::experiment_args::FidelityArg;
 use crate::commands::{Context, ensure_consistent, wrong_usage};
 use crate::design::objective::Objective;
 use crate::design::optimize::{Kind, MountProblem, MountSearch, Refiner, Search, Settings};
-use crate::design::robustness::{Robustness, Tolerance};
-
-/// Of the draws of mount errors, the same in every search so that scores compare.
-const ROBUST_SEED: u64 = 1;
+use crate::design::robustness::{Robustness, SEARCH_SEED};
 
 /// The refiner that --fidelity auto asks for; none where the sampling is as given.
 pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>> {
@@ -77,10 +74,8 @@ pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> an
     let Some(criterion) = args.robust else {
         return Ok(MountProblem::with_search(objective, search, args.keep_apart()));
     };
-    let (position_m, angle_deg) = args.mount_errors();
-    let tolerance = Tolerance { position_m, angle_deg, free_phase: args.free_spin };
-    let robustness =
-        Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED).map_err(wrong_usage)?;
+    let robustness = Robustness::new(&objective, args.tolerance(), args.draws as usize, SEARCH_SEED)
+        .map_err(wrong_usage)?;
     Ok(MountProblem::with_search(objective, search, args.keep_apart()).robust(robustness, criterion))
 }
 

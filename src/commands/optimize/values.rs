@@ -39,6 +39,21 @@ pub(super) fn tilts(text: &str) -> Result<Range, String> {
     }
 }
 
+/// By how much a built mount may be off: m, degrees.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MountErrors(pub f64, pub f64);
+
+impl FromStr for MountErrors {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers(text)?.as_slice() {
+            [position_m, angle_deg] => Ok(Self(*position_m, *angle_deg)),
+            other => Err(format!("{} numbers, expected 2: metres and degrees", other.len())),
+        }
+    }
+}
+
 /// Minimum and maximum x, y and z.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corners(pub [f64; 6]);

@@ -9,12 +9,11 @@ use super::Args;
 use super::ideal_sensors::{ensure_a_revolution, sensors, spins};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, wrong_usage};
-use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
 use crate::report::completeness::{Pictures, SurfaceDocument, Times};
-use crate::report::seen::{Document, Scored, report};
+use crate::report::seen::{Document, Elsewhere, report};
 use crate::rig::{Rig, Unit};
 use crate::simulate::prediction::Site;
-use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
+use crate::simulate::view::{CastView, Precision, Sampling, Shades, View as _, ViewSite};
 use crate::world::placement::Placement;
 use crate::world::surface::{Completeness, MAIN_RANK, write_flags};
 
@@ -28,9 +27,6 @@ pub struct IdealArgs {
     /// Of ideal sensors cast every N-th revolution.
     #[arg(long, value_name = "N", requires = "ideal", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     scan_stride: u32,
-    /// Coefficients of the score of ideal sensors: shares of the voxels that can be seen, or as published.
-    #[arg(long, value_enum, requires = "ideal", default_value_t)]
-    weights: WeightRule,
     /// Write which surface samples ideal sensors cover within 5 cm, one bit each as numpy.packbits does (a .npy file).
     #[arg(long, value_name = "FILE", requires = "ideal")]
     pub covered_out: Option<PathBuf>,
@@ -64,7 +60,7 @@ pub fn run(
     let coverage = view.cover(rig);
     let (counts, rays) = (coverage.counts(), view.rays(rig));
     stage.next("finding what is observable from the trajectory");
-    let weights = SceneWeights::new(args.ideal.weights, view.observable());
+    let observable = view.observable();
     let surface = samples.map(|samples| sensors.observable_surface(samples));
     let observable_s = start.elapsed().as_secs_f64();
     stage.next("casting the rays on the samples of the surface");
@@ -83,10 +79,9 @@ pub fn run(
     let (surface_document, flags) = of_surface.unzip();
     drop(stage);
     placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
-    let scored = Scored {
-        terms: weights.terms(rig, &Seen::exact(&counts, rays)),
-        reachable_voxels: weights.observable.max(counts.union),
-        min_angle_deg: angle_deg(rig),
+    let elsewhere = Elsewhere {
+        observable,
+        weights: args.weights,
         rays,
         origin: loaded.origin,
         trajectory_length_m: sensors.trajectory.length_m(),
@@ -95,7 +90,7 @@ pub fn run(
         wall_s,
         surface: surface_document,
     };
-    let document = Document::new(rig, &coverage, &counts, &spins(&view, rig), scored);
+    let document = Document::new(rig, &coverage, &counts, &spins(&view, rig), elsewhere);
     let pictured = args.report.as_ref().and(surface.as_ref());
     let pictures = pictured.map(|surface| Pictures::new(&sensors, surface, loaded.origin));
     write(args, context, &document, pictures.as_ref(), flags.as_ref())?;

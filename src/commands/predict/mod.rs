@@ -14,6 +14,7 @@ use super::scene_args::{MeshArgs, Room, SampleArgs};
 use super::scene_file::MapArgs;
 use super::trajectory_args::TrajectoryArgs;
 use super::{Context, Outcome, output};
+use crate::design::scene_search::WeightRule;
 use crate::rig::{Masters, UnitChoice};
 
 /// Arguments of `predict`.
@@ -74,6 +75,9 @@ pub struct Args {
     sensing: sensing::SensingArgs,
     #[command(flatten)]
     samples: SampleArgs,
+    /// Coefficients of the score in a scene: shares of the voxels that can be seen, or as published.
+    #[arg(long, value_enum, default_value_t)]
+    weights: WeightRule,
     /// Seed of everything random: noise and drop-out, drawn samples, the re-score.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -102,7 +106,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         context.ensure_none_of::<ideal::IdealArgs>(WITHOUT_PLACE)?;
         context.ensure_none_of::<sensing::SensingArgs>(WITHOUT_PLACE)?;
         context.ensure_none_of::<SampleArgs>(WITHOUT_PLACE)?;
-        context.ensure_not_typed(&["mounts", "sensors", "sensor", "out"], WITHOUT_PLACE)?;
+        context.ensure_not_typed(&["mounts", "sensors", "sensor", "out", "weights"], WITHOUT_PLACE)?;
         return experiment::run(args, context);
     }
     context.ensure_none_of::<experiment::ScoringArgs>(IN_A_PLACE)?;

@@ -62,7 +62,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     });
     stage.next("finding what is observable from the trajectory");
     let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
-    let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);
+    let mut document = Document::new(&scanner, &site, &prediction, surface, &observable, args.weights);
     (document.baselines, document.wall_s) = (baselines, wall_s);
     document.quality = args.sensing.quality.quality().asked();
     if args.fidelity != Some(FidelityArg::Given) {

@@ -95,13 +95,12 @@ impl JudgedShortlist {
         given: &Objective,
         problem: &MountProblem,
         search: &Search,
-        (position_m, angle_deg): (f64, f64),
+        tolerance: Tolerance,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, RobustnessError> {
         let start = Instant::now();
         let feasible: Vec<_> = search.shortlist().iter().filter(|trial| trial.violation == 0.0).collect();
         let mounts: Vec<_> = feasible.iter().map(|trial| problem.masters(&trial.candidate.values)).collect();
-        let tolerance = Tolerance { position_m, angle_deg, free_phase: true };
         Ok(FinalLook::at(given, &mounts, tolerance, stop)?.map(|look| Self {
             values: feasible[look.best].candidate.values.clone(),
             look,

@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 
-use super::search::{Exact, SceneSearch, tilt_rad};
+use super::built::{AsBuilt, ToleranceLoss};
+use super::exact::{Exact, tilt_rad};
+use super::search::SceneSearch;
 use super::weights::{angle_deg, no_fewer_than_seen, share_of};
-use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
@@ -56,25 +57,8 @@ pub(crate) struct FlatRange {
     pub high: f64,
 }
 
-/// What errors of building cost: shares of the voxels that the winner sees, by the model. Every sensor is off by itself, evenly
-/// within plus and minus.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct ToleranceLoss {
-    pub position_m: f64,
-    pub angle_deg: f64,
-    pub draws: usize,
-    pub mean_loss_share: f64,
-    pub worst_loss_share: f64,
-}
-
 /// A single sensor's pitch is chosen by every so many voxels.
 const SPARSE_SINGLE: usize = 4;
-/// Mounts that are drawn for that.
-const DRAWS: usize = 16;
-const POSITION_M: f64 = 0.01;
-const ANGLE_DEG: f64 = 1.0;
-/// A loss within these errors that makes the best mount a cliff.
-const CLIFF_SHARE: f64 = 0.01;
 
 /// What is seen of a site, voxel by voxel.
 #[derive(Clone, Debug)]
@@ -109,6 +93,8 @@ pub(crate) struct Answer {
     pub indistinguishable: Vec<Judged>,
     pub flat: Vec<FlatRange>,
     pub tolerance: ToleranceLoss,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub as_built: Option<AsBuilt>,
     /// Beams cast for all this.
     #[serde(skip)]
     pub rays: u64,
@@ -138,12 +124,7 @@ impl Answer {
                     .into(),
             );
         }
-        if self.tolerance.worst_loss_share > CLIFF_SHARE {
-            doubts.push(format!(
-                "the best mount stands at a cliff: {POSITION_M} m and {ANGLE_DEG} degree off may cost {:.1} % of the voxels",
-                100.0 * self.tolerance.worst_loss_share
-            ));
-        }
+        doubts.extend(self.tolerance.doubt(self.as_built.is_some()));
         doubts
     }
 }
@@ -194,11 +175,14 @@ impl SceneSearch<'_> {
         let level_rig = self.rigs.rig(&level_values);
         let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
         let level_terms = self.weights.terms(&level_rig, &level_seen);
+        let level_loss = self.modelled_losses(std::slice::from_ref(&level_rig)).pop()?;
         let level_exact = Exact {
             values: level_values,
             rig: level_rig,
             seen: level_seen,
             terms: level_terms,
+            loss: level_loss,
+            losses: None,
             seen_thinned: None,
             coverage: None,
         };
@@ -207,6 +191,7 @@ impl SceneSearch<'_> {
             exact.push(level_exact);
         }
         prefer_least_tilted(exact, EQUAL_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
+        let built_rays = self.build(&mut exact[0]);
         let winner_coverage = exact[0].coverage.take();
         let winner = &exact[0];
         let single = self.single(&winner.rig);
@@ -243,7 +228,7 @@ impl SceneSearch<'_> {
         let level_single = judged.pop()?;
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
-        let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
+        let is_near = |other: &&Exact| (winner.score() - other.score()).abs() <= near;
         let rays: u64 = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             best: judged_of(&winner.rig, &winner.seen),
@@ -261,32 +246,9 @@ impl SceneSearch<'_> {
             tolerance: self.tolerance_loss(winner),
             observable_voxels: observable,
             covered,
-            rays: rays + winner_rays,
+            as_built: self.as_built(winner),
+            rays: rays + winner_rays + built_rays,
         })
-    }
-
-    /// What small errors of every sensor cost, by the model.
-    fn tolerance_loss(&self, winner: &Exact) -> ToleranceLoss {
-        let mut rng = Rng::new(self.plan.seed, 3);
-        let mut rigs = vec![winner.rig.clone(); DRAWS + 1];
-        let angle_rad = ANGLE_DEG.to_radians();
-        for mount in rigs[1..].iter_mut().flat_map(|rig| &mut rig.sensors).map(|sensor| &mut sensor.mount) {
-            for position_m in [&mut mount.x_m, &mut mount.y_m, &mut mount.z_m] {
-                *position_m += rng.between(-POSITION_M, POSITION_M);
-            }
-            for turned_rad in [&mut mount.pitch_rad, &mut mount.roll_rad] {
-                *turned_rad += rng.between(-angle_rad, angle_rad);
-            }
-        }
-        let seen = self.model.see_roughly(&rigs, 1);
-        let losses: Vec<f64> = seen[1..].iter().map(|off| 1.0 - off.union / seen[0].union.max(1.0)).collect();
-        ToleranceLoss {
-            position_m: POSITION_M,
-            angle_deg: ANGLE_DEG,
-            draws: DRAWS,
-            mean_loss_share: losses.iter().sum::<f64>() / DRAWS as f64,
-            worst_loss_share: losses.iter().copied().fold(0.0, f64::max),
-        }
     }
 
     /// The strongest sensor of a rig alone, level, in its middle.
@@ -353,8 +315,8 @@ impl SceneSearch<'_> {
 
 /// The least tilted of the rigs that keep their distance and score within `near` of the first takes its place.
 fn prefer_least_tilted(exact: &mut [Exact], near: f64, violation_m: impl Fn(&Rig) -> f64) {
-    let best = exact[0].objective();
-    let is_equal = |other: &Exact| best - other.objective() <= near && violation_m(&other.rig) == 0.0;
+    let best = exact[0].score();
+    let is_equal = |other: &Exact| best - other.score() <= near && violation_m(&other.rig) == 0.0;
     let equals = (0..exact.len()).filter(|at| *at == 0 || is_equal(&exact[*at]));
     let least = equals.min_by(|a, b| tilt_rad(&exact[*a].rig).total_cmp(&tilt_rad(&exact[*b].rig)));
     exact[..=least.unwrap_or(0)].rotate_right(1);

@@ -5,7 +5,10 @@
 //! fitted to exact minus model, take most of it out.
 
 mod answer;
+mod built;
 mod correction;
+mod draws;
+mod exact;
 mod local;
 mod plan;
 mod quadratic;
@@ -17,10 +20,12 @@ mod state_file;
 mod weights;
 
 pub(crate) use answer::{Answer, CoveredSite, FlatRange, Judged, JudgedAtSite};
+pub(crate) use built::BuildErrors;
 pub(crate) use correction::ModelError;
+pub(crate) use exact::Exact;
 pub(crate) use plan::{Judges, Plan};
 pub(crate) use rig_space::{RigSpace, is_of_few_channels};
-pub(crate) use search::{Exact, SceneSearch, SearchEnd};
+pub(crate) use search::{SceneSearch, SearchEnd};
 pub(crate) use sites::Views;
 pub(crate) use state_file::{Asked, Findings, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, no_fewer_than_seen, share_of};

@@ -1,5 +1,6 @@
 //! How much a search does: its evaluations by the model and by rays, and which beams are cast.
 
+use super::built::BuildErrors;
 use super::is_of_few_channels;
 use crate::rig::Rig;
 use crate::simulate::view::CastSites;
@@ -52,11 +53,19 @@ pub(crate) struct Plan {
     pub thinning: u32,
     /// So many of them, where beams are thinned.
     pub whole: usize,
+    /// Errors of building that are reckoned with.
+    pub errors: BuildErrors,
 }
 
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction.
-    pub(crate) fn new(evaluations: usize, seed: u64, rays_of_whole: u64, thinning: u32) -> Self {
+    pub(crate) fn new(
+        evaluations: usize,
+        seed: u64,
+        rays_of_whole: u64,
+        thinning: u32,
+        errors: BuildErrors,
+    ) -> Self {
         let rays = rays_of_whole / u64::from(thinning);
         let class = EXACT.iter().position(|(below, _)| rays < *below).unwrap_or(EXACT.len() - 1);
         let [early, correcting, amid, finalists] = EXACT[class].1;
@@ -73,6 +82,7 @@ impl Plan {
             aimed: AIMED[usize::from(class == 0)],
             thinning,
             whole: WHOLE[RAYS_OF_WHOLE.iter().filter(|rays| rays_of_whole > **rays).count()],
+            errors,
         }
     }
 }

@@ -4,15 +4,14 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::correction::{Correction, ModelError, Observed};
+use super::exact::{Exact, tilt_rad};
 use super::plan::{Judges, Plan};
 use super::state_file::Findings;
 use super::{RigSpace, SceneWeights};
 use crate::base::rng::Rng;
-use crate::design::objective::Terms;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::{Mount, Rig};
-use crate::simulate::view::{CellSites, Seen};
-use crate::world::coverage::Coverage;
+use crate::simulate::view::CellSites;
 
 /// In the spread, in the first local search and in those after it every so many voxels are looked at.
 pub(super) const SPARSE: [usize; 3] = [8, 4, 2];
@@ -23,32 +22,6 @@ const PITCH_SIGNS: usize = 2;
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
 const APART: f64 = 0.03;
-
-/// A rig whose beams were cast.
-#[derive(Clone, Debug)]
-pub(crate) struct Exact {
-    pub values: Vec<f64>,
-    pub rig: Rig,
-    pub seen: Seen,
-    /// By the beams that judge while searching, where these are not all.
-    pub seen_thinned: Option<Seen>,
-    pub terms: Terms,
-    /// By site the voxels seen, where they are held.
-    pub coverage: Option<Vec<Coverage>>,
-}
-
-impl Exact {
-    /// J.
-    pub(crate) fn objective(&self) -> f64 {
-        self.terms.objective()
-    }
-}
-
-/// How far a rig is tilted in all, rad.
-pub(super) fn tilt_rad(rig: &Rig) -> f64 {
-    let tilts = rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad.hypot(sensor.mount.roll_rad));
-    tilts.sum()
-}
 
 /// A rig that the model looked at.
 pub(super) struct Tried {
@@ -185,7 +158,8 @@ impl<'a> SceneSearch<'a> {
         let left = self.best_left(1).first().map(|at| self.corrected(&self.tried[*at]));
         let (judged, rays) = (self.exact.len(), self.exact.iter().map(|exact| exact.seen.rays).sum::<u64>());
         self.rank();
-        let best_left = left.zip(self.exact.first()).map(|(left, best)| left - best.objective());
+        let rays = rays + self.build_the_best(progress, stop);
+        let best_left = left.zip(self.exact.first()).map(|(left, best)| left - best.score());
         let mut end = SearchEnd {
             exact: Vec::new(),
             evaluations: self.tried.len(),
@@ -208,10 +182,24 @@ impl<'a> SceneSearch<'a> {
     fn rank(&mut self) {
         let violation_m = |exact: &Exact| self.rigs.violation_m(&exact.rig);
         self.exact.sort_by(|a, b| {
-            let by_score =
-                violation_m(a).total_cmp(&violation_m(b)).then(b.objective().total_cmp(&a.objective()));
+            let by_score = violation_m(a).total_cmp(&violation_m(b)).then(b.score().total_cmp(&a.score()));
             by_score.then(tilt_rad(&a.rig).total_cmp(&tilt_rad(&b.rig)))
         });
+    }
+
+    /// Casts draws of the best of those judged until the best is one whose draws were cast. How many rays that takes.
+    fn build_the_best(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> u64 {
+        let mut rays = 0;
+        while self.plan.errors.criterion.is_some() && !stop.load(Ordering::Relaxed) {
+            let Some(mut best) = self.exact.first().filter(|best| best.losses.is_none()).cloned() else {
+                break;
+            };
+            progress(self, "casting the best mount as it might be built");
+            rays += self.build(&mut best);
+            self.exact[0] = best;
+            self.rank();
+        }
+        rays
     }
 
     /// Keeps the best of those judged, with every beam. How many rays that takes.
@@ -238,11 +226,10 @@ impl<'a> SceneSearch<'a> {
     /// J by the corrected model of points.
     pub(crate) fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
-        let seen = self.model.see_roughly(&rigs, 1);
-        let score = |((values, rig), seen): ((&Vec<f64>, &Rig), &Seen)| {
-            self.correction.corrected(&self.rigs.mounts(values), self.weights.terms(rig, seen).objective())
-        };
-        points.iter().zip(&rigs).zip(&seen).map(score).collect()
+        let scores = self.scores(&rigs, 1).into_iter();
+        let corrected =
+            |(values, score): (&Vec<f64>, f64)| self.correction.corrected(&self.rigs.mounts(values), score);
+        points.iter().zip(scores).map(corrected).collect()
     }
 
     /// The space that is searched.
@@ -260,12 +247,6 @@ impl<'a> SceneSearch<'a> {
             score: self.corrected(tried),
             violation: tried.violation_m,
         }
-    }
-
-    /// J by the model, by every `stride`-th voxel.
-    fn scores(&self, rigs: &[Rig], stride: usize) -> Vec<f64> {
-        let seen = self.model.see_roughly(rigs, stride);
-        rigs.iter().zip(&seen).map(|(rig, seen)| self.weights.terms(rig, seen).objective()).collect()
     }
 
     /// Those of the best that were looked at by some of the voxels.
@@ -407,13 +388,23 @@ impl<'a> SceneSearch<'a> {
             None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
-        for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
+        let losses = self.modelled_losses(&rigs);
+        for (((at, rig), seen), loss) in chosen.into_iter().zip(rigs).zip(seen).zip(losses) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();
-            self.exact.push(Exact { values, rig, seen, seen_thinned: None, terms, coverage: None });
+            self.exact.push(Exact {
+                values,
+                rig,
+                seen,
+                seen_thinned: None,
+                terms,
+                loss,
+                losses: None,
+                coverage: None,
+            });
         }
         let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
-        if let Some(best) = memo.map(Exact::objective).reduce(f64::max) {
+        if let Some(best) = memo.map(Exact::score).reduce(f64::max) {
             self.history.push((self.tried.len(), best));
         }
     }
@@ -421,7 +412,7 @@ impl<'a> SceneSearch<'a> {
     fn correct(&mut self) {
         let observed = |exact: &Exact| {
             let tried = self.tried.iter().find(|tried| tried.values == exact.values)?;
-            Some(Observed { masters: tried.mounts.clone(), model: tried.score, exact: exact.objective() })
+            Some(Observed { masters: tried.mounts.clone(), model: tried.score, exact: exact.score() })
         };
         let observed: Vec<Observed> = self.exact.iter().filter_map(observed).collect();
         self.correction = Correction::fit(&observed);

@@ -24,9 +24,7 @@ pub(crate) enum WeightRule {
 pub(crate) struct SceneWeights {
     rule: WeightRule,
     pub weights: Weights,
-    /// Voxels that can be seen; the mean over sites.
-    pub observable: u64,
-    /// The same by site.
+    /// Voxels that can be seen, by site.
     pub by_site: Vec<u64>,
     /// Which J of several sites counts.
     pub criterion: Criterion,
@@ -40,10 +38,9 @@ impl SceneWeights {
     /// Over sites with so many voxels that can be seen.
     pub(crate) fn of_sites(rule: WeightRule, by_site: Vec<u64>, criterion: Criterion) -> Self {
         let published = Weights::default();
-        let observable = mean(&by_site);
         let scale = match rule {
             WeightRule::Published => 1.0,
-            WeightRule::Shares => observable / PUBLISHED_REACHABLE,
+            WeightRule::Shares => mean(&by_site) / PUBLISHED_REACHABLE,
         };
         let weights = Weights {
             sensor_cost: scale * published.sensor_cost,
@@ -54,7 +51,7 @@ impl SceneWeights {
             angle_penalty: scale * published.angle_penalty,
             ..published
         };
-        Self { rule, weights, observable: observable.round() as u64, by_site, criterion }
+        Self { rule, weights, by_site, criterion }
     }
 
     /// What a voxel of each site counts: by shares, a large site counts no more than a small one.

@@ -6,8 +6,10 @@ pub(crate) use sections::{Pictures, report};
 
 use serde::Serialize;
 
+use super::counted::Counted;
 use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
 use crate::design::registration::PathRegistration;
+use crate::design::scene_search::WeightRule;
 use crate::rig::{Conflicts, MountedSensor};
 use crate::simulate::prediction::{Omission, Prediction, SceneBaselines, Site, unknown_share};
 use crate::simulate::quality::Quality;
@@ -24,11 +26,10 @@ const HASHED_CELLS: usize = 1 << 33;
 #[derive(Serialize)]
 pub(crate) struct Document {
     pub sensors: Vec<SensorDocument>,
-    pub unique_voxels: u64,
-    /// Voxels that could be seen from the path: the walls of a room; of a mesh what has an observable surface
-    /// sample; of a map its occupied cells with a line of sight.
-    pub reachable_voxels: u64,
-    pub overlap_ratio: f64,
+    /// Those that can be seen are the walls of a room; of a mesh what has an observable surface sample; of a map its occupied cells
+    /// with a line of sight.
+    #[serde(flatten)]
+    pub counted: Counted,
     /// Neighbouring voxels that could be seen and are not, the largest groups first.
     pub blind_spots: Vec<BlindSpot>,
     /// Null unless asked for.
@@ -126,13 +127,14 @@ impl MapDocument {
 }
 
 impl Document {
-    /// Counts everything. `observable` are the voxels that could be seen from the path, ascending.
+    /// Counts everything. `observable` are the voxels that can be seen from the trajectory, ascending.
     pub(crate) fn new(
         scanner: &Scanner<'_>,
         site: &Site,
         prediction: &Prediction,
         surface: Option<&ObservableSurface>,
         observable: &[usize],
+        weights: WeightRule,
     ) -> Self {
         let coverage = &prediction.coverage;
         let counts = coverage.counts();
@@ -153,9 +155,7 @@ impl Document {
         let loaded = &site.loaded;
         let shares = surface.zip(prediction.shares.clone()).zip(loaded.mesh.as_ref());
         Self {
-            unique_voxels: counts.union,
-            reachable_voxels: observable.len() as u64,
-            overlap_ratio: counts.overlap_ratio(),
+            counted: Counted::new(scanner.rig, &counts, observable.len() as u64, weights),
             blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS)
                 .into_iter()
                 .map(|spot| spot.in_world(loaded.origin))

@@ -31,8 +31,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
         ),
     );
     report.figures(document.quality.map(|quality| ("counted", quality.words(false))));
-    let overlap = 100.0 * document.overlap_ratio;
-    report.figure("overlap", format!("{overlap:.2} % of the voxels seen are seen by two sensors or more"));
+    report.figures(document.counted.figures());
     report.figures(document.map.iter().flat_map(|map| map.figures()));
     report.figures(document.conflicts.figures());
     if let Some(pictures) = pictures {
@@ -61,7 +60,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
 }
 
 fn sentence(document: &Document) -> String {
-    let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
+    let share = document.counted.percent();
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
         let seen = &baselines.singles.best_single.seen;
         format!(
@@ -73,8 +72,8 @@ fn sentence(document: &Document) -> String {
     format!(
         "{} sensors will see {} of {} voxels of {} m that are observable from the trajectory ({share:.1} %){gain}.",
         document.sensors.len(),
-        count(document.unique_voxels),
-        count(document.reachable_voxels),
+        count(document.counted.unique_voxels),
+        count(document.counted.reachable_voxels),
         document.grid.voxel_m,
     )
 }
