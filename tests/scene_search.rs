@@ -58,6 +58,7 @@ pub const CASES: &[Case] = &[
         "errors_of_building_are_reckoned_with",
         command::errors_of_building_are_reckoned_with,
     ),
+    crate::support::case("registration_counts_in_a_scene", command::registration_counts),
     crate::support::case("a_search_in_a_scene_refuses_what_it_cannot_use", command::refuses),
 ];
 

@@ -98,16 +98,8 @@ pub struct SceneSettings {
 
 impl ExperimentArgs {
     /// What has no use in a scene.
-    pub(crate) const ONLY_PUBLISHED: [&str; 8] = [
-        "preset",
-        "path",
-        "sub_poses",
-        "phase",
-        "lambda",
-        "least_distance",
-        "registration_weight",
-        "min_conditioning",
-    ];
+    pub(crate) const ONLY_PUBLISHED: [&str; 6] =
+        ["preset", "path", "sub_poses", "phase", "lambda", "least_distance"];
 
     pub(crate) fn of_scene(&self) -> SceneSettings {
         SceneSettings {

@@ -92,8 +92,22 @@ impl Weights {
         }
     }
 
+    /// Whether J or what is allowed depends on registration strength.
+    pub(crate) fn ask_for_registration(&self) -> bool {
+        self.registration != 0.0 || self.least_conditioning > 0.0
+    }
+
+    /// By what share the conditioning falls short of what is needed; 0 when it does not.
+    pub(crate) fn conditioning_shortfall(&self, quality: Option<&RegistrationQuality>) -> f64 {
+        let needed = self.least_conditioning;
+        if needed <= 0.0 {
+            return 0.0;
+        }
+        (1.0 - quality.map_or(0.0, |quality| quality.translation_p5) / needed).max(0.0)
+    }
+
     /// The term of J for registration strength: a logarithm, because the eigenvalue has no scale of its own.
-    fn registration_term(&self, quality: &RegistrationQuality) -> f64 {
+    pub(crate) fn registration_term(&self, quality: &RegistrationQuality) -> f64 {
         self.registration * (quality.translation_p5.max(LEAST_EIGENVALUE) / DEGENERATE).log10()
     }
 
@@ -319,17 +333,7 @@ impl Objective {
 
     /// Registration strength of the hits, with a weight or constraint: it costs as much as a coverage.
     pub(crate) fn registration(&self, sensors: &[MountDeg]) -> Option<RegistrationQuality> {
-        let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;
-        asked.then(|| RegistrationQuality::of_scans(&self.scans(sensors)))?
-    }
-
-    /// By what share the conditioning falls short of what is needed; 0 when it does not.
-    pub(crate) fn conditioning_shortfall(&self, quality: Option<&RegistrationQuality>) -> f64 {
-        let needed = self.weights.least_conditioning;
-        if needed <= 0.0 {
-            return 0.0;
-        }
-        (1.0 - quality.map_or(0.0, |quality| quality.translation_p5) / needed).max(0.0)
+        self.weights.ask_for_registration().then(|| RegistrationQuality::of_scans(&self.scans(sensors)))?
     }
 
     /// Least distance between the origins of two sensors: both housings, or the least distance asked for where that is
@@ -366,7 +370,7 @@ impl Objective {
         let registration = self.registration(sensors);
         let terms = self.terms(sensors, counts, registration.as_ref());
         let mut violations: Vec<_> = self.too_close(sensors).into_iter().map(Violation::Clearance).collect();
-        if self.conditioning_shortfall(registration.as_ref()) > 0.0 {
+        if self.weights.conditioning_shortfall(registration.as_ref()) > 0.0 {
             violations.push(Violation::Conditioning {
                 conditioning: registration.as_ref().map_or(0.0, |quality| quality.translation_p5),
                 needed_conditioning: self.weights.least_conditioning,

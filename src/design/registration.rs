@@ -9,6 +9,7 @@
 //! zero, so that [`DEGENERATE`] and not zero divides what is observable from what is not.
 
 mod along_path;
+pub(crate) mod surroundings;
 
 pub(crate) use along_path::PathRegistration;
 

@@ -27,7 +27,7 @@ pub(crate) struct Counted {
 impl Counted {
     /// `observable` are the voxels that can be seen from the trajectory.
     pub(crate) fn new(rig: &Rig, counts: &Counts, observable: u64, rule: WeightRule) -> Self {
-        let terms = SceneWeights::new(rule, observable).terms(rig, &Seen::exact(counts, 0));
+        let terms = SceneWeights::new(rule, observable).terms(rig, &Seen::exact(counts, 0), None);
         Self {
             objective: terms.objective(),
             unique_voxels: counts.union,

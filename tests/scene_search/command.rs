@@ -342,6 +342,35 @@ pub fn errors_of_building_are_reckoned_with() {
     assert!((expected - off["best"]["objective"].as_f64().unwrap()).abs() > 10.0, "{off}");
 }
 
+pub fn registration_counts() {
+    let flags = [ROOM, "--trajectory", "-3,0 3,0", "--azimuths", "180", "--voxel", "0.2"];
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().join("mount.json").to_str().unwrap().to_owned();
+    let searched = ["--json", "--evals", "100", "--sensors", "vlp-16", "--weights", "published"];
+    let search = |more: &[&str]| json(&[&["optimize"][..], &searched, &flags, more].concat());
+    let p5 = |found: &serde_json::Value| found["registration"]["translation_p5"].as_f64().unwrap();
+    let as_predicted = || p5(&json(&[&["predict", "--json", "--mount", &mount][..], &flags].concat()));
+    let plain = search(&["-o", &mount]);
+    assert!(plain["best"].get("registration").is_none(), "{plain}");
+    let before = as_predicted();
+    let weighted = search(&["--registration-weight", "20000", "-o", &mount]);
+    let (best, after) = (&weighted["best"], as_predicted());
+    let term = best["terms"]["registration"].as_f64().unwrap();
+    assert!((term - 20_000.0 * (p5(best) / 0.003).log10()).abs() < 1e-6, "{best}");
+    // level, a single sensor sees most, and nothing of floor and ceiling that tells its height
+    assert!(before < 0.02 && after > 0.2, "{before} {after}");
+    assert!((p5(best) / after - 1.0).abs() < 0.15, "{} {after}", p5(best));
+    assert!(p5(&weighted["level"]) < 0.02, "{weighted}");
+    let least = 0.9 * p5(best);
+    let kept = search(&["--min-conditioning", &least.to_string()]);
+    assert!(p5(&kept["best"]) >= least, "{kept}");
+    assert_eq!(kept["best"]["terms"]["registration"], 0.0);
+    let refused =
+        outrigger(&[&["optimize", "--min-conditioning", "0.32"][..], &searched[1..], &flags].concat());
+    let words = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && words.contains("--min-conditioning"), "{words}");
+}
+
 pub fn refuses() {
     let waypoints = ["--trajectory", "-3,0 3,0"];
     let sensors = ["--sensors", "vlp-16,vlp-16"];

@@ -159,6 +159,7 @@ pub fn refuse_what_is_about_one() {
         (&["--site", &one, "--site", &nowhere], "none.obj"),
         (&["--site", &one, "--scene", &scene], "--scene"),
         (&["--site", &one, "--site", &other, "--rate", "10"], "--rate"),
+        (&["--site", &one, "--site", &other, "--registration-weight", "10"], "--registration-weight"),
         (&["--preset", "paper-os1-64", "--site", &one], "--preset"),
     ] {
         let output = outrigger(&[&["optimize", "--evals", "20"], typed, &FLAGS].concat());

@@ -33,6 +33,23 @@ impl ExperimentArgs {
         }
     }
 
+    /// Weight of registration strength in J, and the least conditioning that is allowed.
+    pub(crate) fn registration(&self) -> anyhow::Result<(f64, f64)> {
+        let (weight, least_conditioning) =
+            (self.registration_weight.unwrap_or(0.0), self.min_conditioning.unwrap_or(0.0));
+        ensure_consistent([
+            (
+                !(weight.is_finite() && weight >= 0.0),
+                format!("--registration-weight {weight}, expected a number of at least 0"),
+            ),
+            (
+                !(0.0..1.0 / 3.0).contains(&least_conditioning),
+                format!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3"),
+            ),
+        ])?;
+        Ok((weight, least_conditioning))
+    }
+
     /// The objective that was asked for; `roll` is the rule where none is given.
     pub(crate) fn objective(&self, roll: Roll) -> anyhow::Result<Objective> {
         self.made(None, roll).map_err(refused)
@@ -80,24 +97,13 @@ impl ExperimentArgs {
             ..Experiment::mixed(&presets)?
         };
         let least_distance_m = self.least_distance.unwrap_or(0.0);
-        let (registration, least_conditioning) =
-            (self.registration_weight.unwrap_or(0.0), self.min_conditioning.unwrap_or(0.0));
+        let (registration, least_conditioning) = self.registration()?;
         let is_size = |number: f64| number.is_finite() && number >= 0.0;
         let prices = self.lambda.clone().unwrap_or_default().of(&experiment.models()).map_err(wrong_usage)?;
-        ensure_consistent([
-            (
-                !is_size(least_distance_m),
-                format!("--least-distance {least_distance_m}, expected a finite number of at least 0"),
-            ),
-            (
-                !is_size(registration),
-                format!("--registration-weight {registration}, expected a number of at least 0"),
-            ),
-            (
-                !(0.0..1.0 / 3.0).contains(&least_conditioning),
-                format!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3"),
-            ),
-        ])?;
+        ensure_consistent([(
+            !is_size(least_distance_m),
+            format!("--least-distance {least_distance_m}, expected a finite number of at least 0"),
+        )])?;
         let weights =
             Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
         let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;

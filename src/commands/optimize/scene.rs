@@ -78,6 +78,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let rigs = rig_space(args)?;
     let errors = errors(args, context)?;
+    let asked = asked(args)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
     let (sites, mut warnings) = sites(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
@@ -93,7 +94,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut units = rigs.units.clone();
     units.extend(present.iter().flat_map(|(units, _)| units.iter().cloned()));
     let (sites, sources): (Vec<_>, Vec<_>) = sites.into_iter().unzip();
-    let asked = asked(args);
     let views = Views::new(sites, &units, (&sampling, &fineness(&rigs)), &largest(args, &rigs), &asked)
         .map_err(|error| if error.is_usage() { wrong_usage(error) } else { error.into() })?;
     let Views { mut model, judges, weights } = views;
@@ -109,6 +109,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     let winner = &end.exact[0];
     let violation_m = rigs.violation_m(&winner.rig);
+    if winner.violation > violation_m {
+        bail!(
+            "none of {} mounts keeps the conditioning of registration at {} or more; the nearest misses it by {:.1} %: give a smaller \
+             --min-conditioning",
+            end.evaluations,
+            asked.registration.1,
+            100.0 * (winner.violation - violation_m)
+        );
+    }
     if violation_m > 0.0 {
         bail!(
             "none of {} mounts keeps the sensors apart; the nearest misses it by {violation_m:.4} m: give a larger --space, or \

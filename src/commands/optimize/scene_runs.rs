@@ -47,8 +47,8 @@ pub(super) fn compared(found: &[OfCount], observable: &[u64]) -> Vec<CountDocume
 }
 
 /// What the document and the state file say of the command.
-pub(super) fn asked(args: &Args) -> Asked<'_> {
-    Asked {
+pub(super) fn asked(args: &Args) -> anyhow::Result<Asked<'_>> {
+    Ok(Asked {
         sensors: &args.scene.sensors,
         weights: args.scene.weights,
         is_ideal: args.scene.ideal,
@@ -56,7 +56,8 @@ pub(super) fn asked(args: &Args) -> Asked<'_> {
         scan_stride: args.scene.scan_stride,
         quality: args.scene.quality.quality(),
         criterion: args.robust.unwrap_or(Criterion::Expected),
-    }
+        registration: args.experiment.registration()?,
+    })
 }
 
 /// The errors of building that are reckoned with. Of several sites --robust is about the sites, unless errors are given.
@@ -80,10 +81,10 @@ impl<'a> Run<'a, '_> {
             let rigs = rigs.with_sensors(sensors, self.args.experiment.of_scene().is_mirrored);
             let (search, mut end) = self.search(&rigs, model, None)?;
             let findings = search.findings().clone();
-            end.exact.retain(|exact| rigs.violation_m(&exact.rig) == 0.0);
+            end.exact.retain(|exact| exact.violation == 0.0);
             let Some(winner) = end.exact.into_iter().next() else {
                 output::say_notice(&format!(
-                    "no mount of {sensors} sensors keeps them apart: give a larger --space"
+                    "no mount of {sensors} sensors keeps what is asked: give a larger --space, or a smaller --min-conditioning"
                 ));
                 continue;
             };
@@ -116,7 +117,7 @@ impl<'a> Run<'a, '_> {
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
             (None, Some(path)) => {
-                let question = Question::of(&asked(self.args), &plan, rigs, self.judges.cast.views());
+                let question = Question::of(&asked(self.args)?, &plan, rigs, self.judges.cast.views());
                 let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known

@@ -13,7 +13,7 @@ use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
 use crate::simulate::walk::Walk;
 use crate::world::placement::Placement;
-use crate::world::scene::LoadedScene;
+use crate::world::scene::{LoadedScene, Scene};
 use crate::world::trajectory::Trajectory;
 
 /// Edge of a voxel where none is given, m.
@@ -33,6 +33,8 @@ pub(super) fn sites(args: &Args, context: Context) -> anyhow::Result<(Vec<Found>
     if places.len() > 1 {
         let why = "writes one trajectory, and there are several --site: give one of them by --scene and --trajectory";
         context.ensure_not_typed(&["trajectory_out"], why)?;
+        let why = "is about one scene, and there are several --site";
+        context.ensure_not_typed(&["registration_weight", "min_conditioning"], why)?;
     }
     let mut warnings = Vec::new();
     let mut sites = Vec::new();
@@ -60,6 +62,10 @@ fn site(
         scene_file::read_or_room(scene, scene_args.room, &scene_args.mesh, &scene_args.map, context)?;
     let mut loaded = loaded.context("give --scene or --room")?;
     scene_args.quality.ensure_known_in(&loaded.scene)?;
+    if matches!(loaded.scene, Scene::Voxels(_)) {
+        let why = "is about surface normals, which a map of voxels does not have: give a mesh behind --scene";
+        context.ensure_not_typed(&["registration_weight", "min_conditioning"], why)?;
+    }
     let (trajectory, source) = walk_of(args, (scene, walk), &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;

@@ -112,8 +112,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     context.ensure_none_of::<experiment::ScoringArgs>(IN_A_PLACE)?;
     context.ensure_not_typed(&ExperimentArgs::ONLY_PUBLISHED, IN_A_PLACE)?;
     context.ensure_not_typed(&["roll", "no_mirror"], IN_A_PLACE)?;
+    context.ensure_not_typed(&["registration_weight", "min_conditioning"], REGISTRATION_IS_SHOWN)?;
     scene::run(args, context)
 }
 
 const WITHOUT_PLACE: &str = "is about a place of your own: add --scene or --room";
+const REGISTRATION_IS_SHOWN: &str =
+    "is about a search: in a scene `predict` states the registration strength as it is";
 const IN_A_PLACE: &str = "is about a published experiment (--preset), and --scene or --room is another place";

@@ -140,7 +140,7 @@ fn registration_is_looked_at_where_weight_or_constraint_asks() {
 fn conditioning_falls_short_by_a_share_of_what_is_needed() {
     let shortfall = |least_conditioning, p5: Option<f64>| {
         let weights = Weights { least_conditioning, ..Weights::default() };
-        objective(weights, 0.0).conditioning_shortfall(p5.map(quality).as_ref())
+        weights.conditioning_shortfall(p5.map(quality).as_ref())
     };
     assert_eq!(shortfall(0.01, Some(0.0075)), 0.25);
     assert_eq!(shortfall(0.01, Some(0.01)), 0.0);

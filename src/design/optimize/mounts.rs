@@ -275,7 +275,7 @@ impl MountProblem {
             let quality = self.objective.registration(&sensors);
             return Ok(Measured {
                 score: robustness.judge(&sensors, *criterion)?,
-                violation: too_close_m + self.objective.conditioning_shortfall(quality.as_ref()),
+                violation: too_close_m + self.objective.weights().conditioning_shortfall(quality.as_ref()),
                 rays: rays * robustness.draws() as u64,
             });
         }
@@ -283,7 +283,7 @@ impl MountProblem {
         let quality = self.objective.registration(&sensors);
         Ok(Measured {
             score: self.objective.terms(&sensors, &counts, quality.as_ref()).objective(),
-            violation: too_close_m + self.objective.conditioning_shortfall(quality.as_ref()),
+            violation: too_close_m + self.objective.weights().conditioning_shortfall(quality.as_ref()),
             rays,
         })
     }

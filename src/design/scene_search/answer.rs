@@ -7,6 +7,7 @@ use super::exact::{Exact, tilt_rad};
 use super::search::SceneSearch;
 use super::weights::{angle_deg, no_fewer_than_seen, share_of};
 use crate::design::objective::Terms;
+use crate::design::registration::RegistrationQuality;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
 use crate::simulate::view::Seen;
@@ -33,6 +34,9 @@ pub(crate) struct Judged {
     pub min_angle_deg: Option<f64>,
     pub per_sensor_voxels: Vec<u64>,
     pub terms: Terms,
+    /// Where it counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub registration: Option<RegistrationQuality>,
     pub sensors: Vec<SensorEntry>,
     /// Of several sites; what stands above is their mean, each scaled to the mean number of voxels that can be seen where the
     /// weights are shares.
@@ -132,7 +136,7 @@ impl Answer {
 impl SceneSearch<'_> {
     /// The score of a rig that was cast.
     fn judged(&self, rig: &Rig, seen: &Seen, observable: &[u64]) -> Judged {
-        let terms = self.weights.terms(rig, seen);
+        let (terms, registration) = self.terms(rig, seen);
         let at_site = |(site, seen): (usize, &Seen)| JudgedAtSite {
             objective: self.weights.objective_at(site, rig, seen),
             unique_voxels: seen.union as u64,
@@ -147,6 +151,7 @@ impl SceneSearch<'_> {
             min_angle_deg: angle_deg(rig),
             per_sensor_voxels: seen.per_sensor.iter().map(|count| *count as u64).collect(),
             terms,
+            registration,
             sensors: rig.sensors.iter().map(SensorEntry::of).collect(),
             by_site: seen.by_site.iter().enumerate().map(at_site).collect(),
         }
@@ -174,23 +179,12 @@ impl SceneSearch<'_> {
         let level_values = self.rigs.level(&first.values);
         let level_rig = self.rigs.rig(&level_values);
         let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
-        let level_terms = self.weights.terms(&level_rig, &level_seen);
-        let level_loss = self.modelled_losses(std::slice::from_ref(&level_rig)).pop()?;
-        let level_exact = Exact {
-            values: level_values,
-            rig: level_rig,
-            seen: level_seen,
-            terms: level_terms,
-            loss: level_loss,
-            losses: None,
-            seen_thinned: None,
-            coverage: None,
-        };
+        let level_exact = self.exact(vec![level_values], vec![level_rig], vec![level_seen]).pop()?;
         let level = level_exact.clone();
         if tilt_rad(&first.rig) > 0.0 {
             exact.push(level_exact);
         }
-        prefer_least_tilted(exact, EQUAL_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
+        prefer_least_tilted(exact, EQUAL_SHARE * phase_sd_voxels);
         let built_rays = self.build(&mut exact[0]);
         let winner_coverage = exact[0].coverage.take();
         let winner = &exact[0];
@@ -314,9 +308,9 @@ impl SceneSearch<'_> {
 }
 
 /// The least tilted of the rigs that keep their distance and score within `near` of the first takes its place.
-fn prefer_least_tilted(exact: &mut [Exact], near: f64, violation_m: impl Fn(&Rig) -> f64) {
+fn prefer_least_tilted(exact: &mut [Exact], near: f64) {
     let best = exact[0].score();
-    let is_equal = |other: &Exact| best - other.score() <= near && violation_m(&other.rig) == 0.0;
+    let is_equal = |other: &Exact| best - other.score() <= near && other.violation == 0.0;
     let equals = (0..exact.len()).filter(|at| *at == 0 || is_equal(&exact[*at]));
     let least = equals.min_by(|a, b| tilt_rad(&exact[*a].rig).total_cmp(&tilt_rad(&exact[*b].rig)));
     exact[..=least.unwrap_or(0)].rotate_right(1);

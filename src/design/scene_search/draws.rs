@@ -22,12 +22,6 @@ impl SceneSearch<'_> {
         rigs.chunks(TOGETHER.div_ceil(draws)).flat_map(of_draws).collect()
     }
 
-    /// J of the rigs as they are, by the model.
-    pub(super) fn planned(&self, rigs: &[Rig], stride: usize) -> Vec<f64> {
-        let seen = self.model.see_roughly(rigs, stride);
-        rigs.iter().zip(&seen).map(|(rig, seen)| self.weights.terms(rig, seen).objective()).collect()
-    }
-
     /// What errors of building take from J of each rig, by the model; 0 where J as planned is searched.
     pub(super) fn modelled_losses(&self, rigs: &[Rig]) -> Vec<f64> {
         match self.plan.errors.criterion {
@@ -56,8 +50,8 @@ impl SceneSearch<'_> {
         let rays = seen.iter().map(|seen| seen.rays).sum();
         rigs.push(exact.rig.clone());
         seen.push(exact.seen_thinned.clone().unwrap_or_else(|| exact.seen.clone()));
-        let terms = |(rig, seen)| self.weights.terms(rig, seen).objective();
-        let mut objectives: Vec<f64> = rigs.iter().zip(&seen).map(terms).collect();
+        let objective = |(rig, seen)| self.terms(rig, seen).0.objective();
+        let mut objectives: Vec<f64> = rigs.iter().zip(&seen).map(objective).collect();
         let planned = objectives.pop().unwrap_or_default();
         let losses: Vec<f64> = objectives.iter().map(|objective| planned - objective).collect();
         exact.loss = planned - Spread::of(&objectives).counts(criterion);

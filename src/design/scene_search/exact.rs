@@ -1,6 +1,7 @@
 //! Rigs whose beams were cast.
 
 use crate::design::objective::Terms;
+use crate::design::registration::RegistrationQuality;
 use crate::rig::Rig;
 use crate::simulate::view::Seen;
 use crate::world::coverage::Coverage;
@@ -14,6 +15,10 @@ pub(crate) struct Exact {
     /// By the beams that judge while searching, where these are not all.
     pub seen_thinned: Option<Seen>,
     pub terms: Terms,
+    /// Where it counts.
+    pub registration: Option<RegistrationQuality>,
+    /// By how much it misses what is asked: distances between sensors, m, and the share of the conditioning.
+    pub violation: f64,
     /// What errors of building take from J, where that is what is searched: by the model, or by `losses`.
     pub loss: f64,
     /// The same of each draw, where they were cast.

@@ -58,7 +58,7 @@ impl SceneSearch<'_> {
     /// Where a quadratic through the best of these is highest, some steps around the very best; none where they are too few.
     fn top(&self, ranked: &[usize], share: f64) -> Option<Vec<f64>> {
         let near = TRUSTED_STEPS * share;
-        let allowed = ranked.iter().map(|at| &self.tried[*at]).filter(|tried| tried.violation_m == 0.0);
+        let allowed = ranked.iter().map(|at| &self.tried[*at]).filter(|tried| tried.violation == 0.0);
         let scored: Vec<(Vec<f64>, f64)> =
             allowed.map(|tried| (self.space.to_unit(&tried.values), self.corrected(tried))).collect();
         let quadratic = Quadratic::fit(&scored, (2.0 * near).max(LEAST_REACH))?;

@@ -9,6 +9,7 @@ mod built;
 mod correction;
 mod draws;
 mod exact;
+mod judging;
 mod local;
 mod plan;
 mod quadratic;

@@ -2,6 +2,7 @@
 
 use super::built::BuildErrors;
 use super::is_of_few_channels;
+use crate::design::registration::surroundings::Surroundings;
 use crate::rig::Rig;
 use crate::simulate::view::CastSites;
 
@@ -94,6 +95,8 @@ pub(crate) struct Judges {
     pub thinned: Option<CastSites>,
     /// One beam in so many is among them.
     pub thinning: u32,
+    /// By which the model judges registration, where it counts.
+    pub surroundings: Option<Surroundings>,
 }
 
 impl Judges {

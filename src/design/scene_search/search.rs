@@ -31,7 +31,7 @@ pub(super) struct Tried {
     score: f64,
     /// By some of the voxels.
     is_rough: bool,
-    pub(super) violation_m: f64,
+    pub(super) violation: f64,
 }
 
 /// A running search.
@@ -180,9 +180,8 @@ impl<'a> SceneSearch<'a> {
 
     /// Those judged, best first: those that keep their distance, of equals the least tilted.
     fn rank(&mut self) {
-        let violation_m = |exact: &Exact| self.rigs.violation_m(&exact.rig);
         self.exact.sort_by(|a, b| {
-            let by_score = violation_m(a).total_cmp(&violation_m(b)).then(b.score().total_cmp(&a.score()));
+            let by_score = a.violation.total_cmp(&b.violation).then(b.score().total_cmp(&a.score()));
             by_score.then(tilt_rad(&a.rig).total_cmp(&tilt_rad(&b.rig)))
         });
     }
@@ -216,7 +215,7 @@ impl<'a> SceneSearch<'a> {
             };
             exact.seen_thinned = Some(std::mem::replace(&mut exact.seen, seen));
             exact.coverage = coverage;
-            exact.terms = self.weights.terms(&exact.rig, &exact.seen);
+            exact.terms = self.weights.terms(&exact.rig, &exact.seen, exact.registration.as_ref());
             self.found.whole.push((exact.values.clone(), exact.seen.clone()));
         }
         self.rank();
@@ -245,7 +244,7 @@ impl<'a> SceneSearch<'a> {
         Trial {
             candidate: Candidate { values: tried.values.clone() },
             score: self.corrected(tried),
-            violation: tried.violation_m,
+            violation: tried.violation,
         }
     }
 
@@ -283,13 +282,14 @@ impl<'a> SceneSearch<'a> {
             None => self.scores(&rigs, stride),
         };
         self.found.scores.extend(&scores);
-        for ((values, rig), score) in points.iter().zip(&rigs).zip(scores) {
+        let violations = self.modelled_violations(&rigs);
+        for ((values, violation), score) in points.iter().zip(violations).zip(scores) {
             self.tried.push(Tried {
                 values: values.clone(),
                 mounts: self.rigs.mounts(values),
                 score,
                 is_rough: stride > 1,
-                violation_m: self.rigs.violation_m(rig),
+                violation,
             });
         }
     }
@@ -332,7 +332,7 @@ impl<'a> SceneSearch<'a> {
     /// Good trials as far from each other and from what was judged as they come, the best first.
     fn far_apart(&self, count: usize) -> Vec<usize> {
         let ranked = self.ranked();
-        let is_good = |at: &&usize| !self.tried[**at].is_rough && self.tried[**at].violation_m == 0.0;
+        let is_good = |at: &&usize| !self.tried[**at].is_rough && self.tried[**at].violation == 0.0;
         let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
         let best: Vec<usize> = ranked.iter().filter(is_good).copied().collect();
         // before the first correction the model may prefer the wrong group
@@ -388,22 +388,10 @@ impl<'a> SceneSearch<'a> {
             None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
-        let losses = self.modelled_losses(&rigs);
-        for (((at, rig), seen), loss) in chosen.into_iter().zip(rigs).zip(seen).zip(losses) {
-            let terms = self.weights.terms(&rig, &seen);
-            let values = self.tried[at].values.clone();
-            self.exact.push(Exact {
-                values,
-                rig,
-                seen,
-                seen_thinned: None,
-                terms,
-                loss,
-                losses: None,
-                coverage: None,
-            });
-        }
-        let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
+        let points = chosen.iter().map(|at| self.tried[*at].values.clone()).collect();
+        let exact = self.exact(points, rigs, seen);
+        self.exact.extend(exact);
+        let memo = self.exact.iter().filter(|exact| exact.violation == 0.0);
         if let Some(best) = memo.map(Exact::score).reduce(f64::max) {
             self.history.push((self.tried.len(), best));
         }

@@ -3,6 +3,7 @@
 use super::plan::{Judges, thinning};
 use super::state_file::Asked;
 use super::weights::SceneWeights;
+use crate::design::registration::surroundings::Surroundings;
 use crate::rig::{Rig, Unit};
 use crate::simulate::view::{
     CastSites, CastView, CellSites, CellView, Fineness, Precision, Sampling, View as _, ViewError, ViewSite,
@@ -30,7 +31,8 @@ impl Views {
         let models = sites.iter().map(model).collect::<Result<Vec<_>, _>>()?;
         let observable: Vec<u64> = models.iter().map(CellView::observable).collect();
         let observable_of_all = observable.iter().sum();
-        let weights = SceneWeights::of_sites(asked.weights, observable, asked.criterion);
+        let weights = SceneWeights::of_sites(asked.weights, observable, asked.criterion)
+            .with_registration(asked.registration);
         let scales = weights.scales();
         let cast = |sampling: &Sampling| {
             let cast = |site: &ViewSite| CastView::new(site.clone(), units, sampling, Precision::Single);
@@ -42,7 +44,9 @@ impl Views {
         let thinning =
             if sampling.quality.min_hits > 1 { 1 } else { thinning(&whole, largest, observable_of_all) };
         let thinned = (thinning > 1).then(|| cast(&sampling.thinned(thinning))).transpose()?;
-        let judges = Judges { cast: whole, thinned, thinning };
+        let counts = weights.weights.ask_for_registration();
+        let surroundings = counts.then(|| Surroundings::new(&whole.views()[0]));
+        let judges = Judges { cast: whole, thinned, thinning, surroundings };
         Ok(Self { model: CellSites::new(models, scales), judges, weights })
     }
 }

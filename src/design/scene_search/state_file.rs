@@ -64,6 +64,8 @@ pub(crate) struct Asked<'a> {
     pub quality: Quality,
     /// Which J of several sites counts.
     pub criterion: Criterion,
+    /// Weight of registration strength, and the least conditioning that is allowed.
+    pub registration: (f64, f64),
 }
 
 impl Question {
@@ -87,6 +89,9 @@ impl Question {
             "scan_stride": asked.scan_stride,
             "plan": plan,
         });
+        if asked.registration != (0.0, 0.0) {
+            question["registration"] = json!(asked.registration);
+        }
         if let Some(quality) = asked.quality.asked() {
             question["quality"] = json!(quality);
         }

@@ -1,6 +1,7 @@
 //! J in any scene: the published weights, as they are or as shares of what can be seen.
 
 use crate::design::objective::{Terms, Weights, min_angle_deg};
+use crate::design::registration::RegistrationQuality;
 use crate::design::robustness::Criterion;
 use crate::rig::{MountedSensor, Rig};
 use crate::simulate::view::Seen;
@@ -54,6 +55,12 @@ impl SceneWeights {
         Self { rule, weights, by_site, criterion }
     }
 
+    /// The same with this weight of registration strength, in J, and this least conditioning; of one site.
+    pub(crate) fn with_registration(mut self, (weight, least_conditioning): (f64, f64)) -> Self {
+        (self.weights.registration, self.weights.least_conditioning) = (weight, least_conditioning);
+        self
+    }
+
     /// What a voxel of each site counts: by shares, a large site counts no more than a small one.
     pub(crate) fn scales(&self) -> Vec<f64> {
         let mean = mean(&self.by_site);
@@ -64,10 +71,11 @@ impl SceneWeights {
         self.by_site.iter().map(scale).collect()
     }
 
-    /// The terms of J of a rig: over several sites their mean, or those of the worst.
-    pub(crate) fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
+    /// The terms of J of a rig: over several sites their mean, or those of the worst. `quality` where registration counts.
+    pub(crate) fn terms(&self, rig: &Rig, seen: &Seen, quality: Option<&RegistrationQuality>) -> Terms {
         if seen.by_site.is_empty() {
-            return self.scaled_terms(rig, seen, 1.0);
+            let registration = quality.map_or(0.0, |quality| self.weights.registration_term(quality));
+            return Terms { registration, ..self.scaled_terms(rig, seen, 1.0) };
         }
         let sites = seen.by_site.iter().zip(self.scales());
         let terms: Vec<Terms> = sites.map(|(seen, scale)| self.scaled_terms(rig, seen, scale)).collect();
@@ -87,7 +95,7 @@ impl SceneWeights {
 
     /// J of a rig at one of several sites, as a search of that site alone scores it.
     pub(crate) fn objective_at(&self, site: usize, rig: &Rig, seen: &Seen) -> f64 {
-        Self::new(self.rule, self.by_site[site]).terms(rig, seen).objective()
+        Self::new(self.rule, self.by_site[site]).terms(rig, seen, None).objective()
     }
 
     fn scaled_terms(&self, rig: &Rig, seen: &Seen, scale: f64) -> Terms {
@@ -159,7 +167,7 @@ mod tests {
         let rig = Rig { sensors: Vec::new() };
         let sites = |unions: [f64; 2]| seen(0.0, unions.map(|union| seen(union, Vec::new())).to_vec());
         let of = |rule, criterion| SceneWeights::of_sites(rule, vec![1_000, 9_000], criterion);
-        let coverage = |weights: &SceneWeights, unions| weights.terms(&rig, &sites(unions)).coverage;
+        let coverage = |weights: &SceneWeights, unions| weights.terms(&rig, &sites(unions), None).coverage;
         let shares = of(WeightRule::Shares, Criterion::Expected);
         assert!((coverage(&shares, [600.0, 1_800.0]) - 0.4 * 5_000.0).abs() < 1e-9);
         assert!(
@@ -168,7 +176,8 @@ mod tests {
         assert_eq!(coverage(&of(WeightRule::Published, Criterion::Expected), [600.0, 1_800.0]), 1_200.0);
         assert!((share_of(&sites([600.0, 1_800.0]), &[1_000, 9_000]) - 0.4).abs() < 1e-12);
         // of one site J is that of the site
-        let alone = SceneWeights::new(WeightRule::Shares, 9_000).terms(&rig, &seen(1_800.0, Vec::new()));
+        let alone =
+            SceneWeights::new(WeightRule::Shares, 9_000).terms(&rig, &seen(1_800.0, Vec::new()), None);
         let of_site = shares.objective_at(1, &rig, &sites([600.0, 1_800.0]).by_site[1]);
         assert_eq!(of_site, alone.objective());
     }

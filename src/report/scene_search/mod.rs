@@ -90,6 +90,8 @@ pub(crate) struct WeightsDocument {
     pub overlap_reward: f64,
     pub angle_reward: f64,
     pub angle_penalty: f64,
+    pub registration: f64,
+    pub least_conditioning: f64,
 }
 
 impl WeightsDocument {
@@ -101,6 +103,8 @@ impl WeightsDocument {
             overlap_reward: weights.overlap_reward,
             angle_reward: weights.angle_reward,
             angle_penalty: weights.angle_penalty,
+            registration: weights.registration,
+            least_conditioning: weights.least_conditioning,
         }
     }
 }

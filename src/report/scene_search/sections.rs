@@ -157,6 +157,8 @@ fn certainty(report: &mut Report, document: &Document) {
     let flat = document.answer.flat.iter();
     let row = |range: &FlatRange| vec![range.coordinate.clone(), number(range.low, 3), number(range.high, 3)];
     report.table(&["loses less than 0.1 %", "from", "to"], flat.map(row).collect());
+    let registration = document.best.judged.registration.as_ref();
+    report.figures(registration.map(|quality| ("registration strength", quality.words())));
     report.figures(document.answer.as_built.as_ref().map(|built| ("as built", built.words())));
     report.figure("tolerance", document.tolerance_line());
     report.figure("known to", document.certainty_line());

@@ -104,6 +104,11 @@ impl CastView {
         &self.units[self.unit(model)]
     }
 
+    /// The revolutions of the first unit that are cast.
+    pub(super) fn scans(&self) -> &Scans {
+        &self.units[0].1
+    }
+
     /// Beams of a rig.
     pub fn rays(&self, rig: &Rig) -> u64 {
         let of = |model: &SensorModel| {

@@ -3,6 +3,7 @@
 //! Two views answer: [`CastView`] casts every beam and is exact; [`CellView`] looks at the voxels from the sensor's side, has
 //! a stated error, and takes a hundredth of the time. Candidates come in batches: that is what makes it fast.
 
+mod at_rest;
 mod cast;
 mod cells;
 mod fan;
@@ -11,6 +12,7 @@ mod sites;
 mod sphere;
 mod tiles;
 
+pub(crate) use at_rest::BeamAtRest;
 pub use cast::{CastView, Precision};
 pub(crate) use cells::CellHasher;
 pub use cells::{BuildCost, CellView, Fineness};
