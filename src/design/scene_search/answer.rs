@@ -135,8 +135,13 @@ impl Answer {
 
 impl SceneSearch<'_> {
     /// The score of a rig that was cast.
-    fn judged(&self, rig: &Rig, seen: &Seen, observable: &[u64]) -> Judged {
-        let (terms, registration) = self.terms(rig, seen);
+    fn judged(
+        &self,
+        rig: &Rig,
+        seen: &Seen,
+        (terms, registration): (Terms, Option<RegistrationQuality>),
+        observable: &[u64],
+    ) -> Judged {
         let at_site = |(site, seen): (usize, &Seen)| JudgedAtSite {
             objective: self.weights.objective_at(site, rig, seen),
             unique_voxels: seen.union as u64,
@@ -214,28 +219,29 @@ impl SceneSearch<'_> {
             .collect();
         let known = covered.iter().map(|site| site.observable.len() as u64).collect();
         let observable = no_fewer_than_seen(known, exact.iter().map(|exact| &exact.seen).chain(&seen));
-        let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, &observable);
-        let mut judged: Vec<Judged> =
-            rigs.iter().zip(&seen).map(|(rig, seen)| judged_of(rig, seen)).collect();
+        let judged_of = |exact: &Exact| {
+            let scored = (exact.terms, exact.registration.clone());
+            self.judged(&exact.rig, &exact.seen, scored, &observable)
+        };
+        let judged = |(rig, seen)| self.judged(rig, seen, self.terms(rig, seen), &observable);
+        let mut judged: Vec<Judged> = rigs.iter().zip(&seen).map(judged).collect();
         let present = present.and_then(|_| judged.pop());
         let best_single = judged.pop()?;
         let level_single = judged.pop()?;
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
-        let is_near = |other: &&Exact| (winner.score() - other.score()).abs() <= near;
+        let is_near = |other: &&Exact| {
+            (winner.score() - other.score()).abs() <= near && other.violation <= winner.violation
+        };
         let rays: u64 = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
-            best: judged_of(&winner.rig, &winner.seen),
-            level: judged_of(&level.rig, &level.seen),
+            best: judged_of(winner),
+            level: judged_of(&level),
             present,
             level_single,
             best_single,
             phase_sd_voxels,
-            indistinguishable: exact[1..]
-                .iter()
-                .filter(is_near)
-                .map(|other| judged_of(&other.rig, &other.seen))
-                .collect(),
+            indistinguishable: exact[1..].iter().filter(is_near).map(judged_of).collect(),
             flat: self.flat_ranges(winner),
             tolerance: self.tolerance_loss(winner),
             observable_voxels: observable,

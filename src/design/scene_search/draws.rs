@@ -39,24 +39,22 @@ impl SceneSearch<'_> {
         let errors = &self.plan.errors;
         let Some(criterion) = errors.criterion.filter(|_| exact.losses.is_none()) else { return 0 };
         let cast = self.judges.while_searching();
-        let mut rigs = errors.built(&exact.rig);
+        let built = errors.built(&exact.rig);
         let mut seen = match errors.phases() {
-            None => cast.see(&rigs),
+            None => cast.see(&built),
             Some(phases) => {
                 let see = |(phase, rig)| cast.at_phase(phase).see(std::slice::from_ref(rig)).swap_remove(0);
-                phases.zip(&rigs).map(see).collect()
+                phases.zip(&built).map(see).collect()
             }
         };
-        let rays = seen.iter().map(|seen| seen.rays).sum();
-        rigs.push(exact.rig.clone());
-        seen.push(exact.seen_thinned.clone().unwrap_or_else(|| exact.seen.clone()));
+        seen.extend(cast.see(std::slice::from_ref(&exact.rig)));
+        let rigs = built.iter().chain([&exact.rig]);
         let objective = |(rig, seen)| self.terms(rig, seen).0.objective();
-        let mut objectives: Vec<f64> = rigs.iter().zip(&seen).map(objective).collect();
+        let mut objectives: Vec<f64> = rigs.zip(&seen).map(objective).collect();
         let planned = objectives.pop().unwrap_or_default();
-        let losses: Vec<f64> = objectives.iter().map(|objective| planned - objective).collect();
         exact.loss = planned - Spread::of(&objectives).counts(criterion);
-        exact.losses = Some(losses);
-        rays
+        exact.losses = Some(objectives.iter().map(|objective| planned - objective).collect());
+        seen.iter().map(|seen| seen.rays).sum()
     }
 
     /// J of a rig whose draws were cast.
