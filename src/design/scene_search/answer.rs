@@ -195,7 +195,8 @@ impl SceneSearch<'_> {
         let winner = &exact[0];
         let single = self.single(&winner.rig);
         let tilted = self.best_single(&single);
-        let mut rigs = vec![single, tilted];
+        let mut rigs = vec![single];
+        rigs.extend(tilted);
         rigs.extend(present.cloned());
         let (seen, others): (Vec<Seen>, Vec<_>) = rigs.iter().map(|rig| cast.cover(rig)).unzip();
         let (winner_rays, of_winner) = match winner_coverage {
@@ -227,7 +228,7 @@ impl SceneSearch<'_> {
         let mut judged: Vec<Judged> = rigs.iter().zip(&seen).map(judged).collect();
         let present = present.and_then(|_| judged.pop());
         let best_single = judged.pop()?;
-        let level_single = judged.pop()?;
+        let level_single = judged.pop().unwrap_or_else(|| best_single.clone());
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| {
@@ -260,7 +261,8 @@ impl SceneSearch<'_> {
         Rig { sensors: vec![sensor] }
     }
 
-    fn best_single(&self, level: &Rig) -> Rig {
+    /// The same at the pitch that is best by the model; none where that is level.
+    fn best_single(&self, level: &Rig) -> Option<Rig> {
         let tilted = |pitch_deg: &f64| {
             let mut rig = level.clone();
             rig.sensors.iter_mut().for_each(|sensor| sensor.mount.pitch_rad = pitch_deg.to_radians());
@@ -268,12 +270,9 @@ impl SceneSearch<'_> {
         };
         let rigs: Vec<Rig> = SCAN_PITCHES_DEG.iter().map(tilted).collect();
         let seen = self.model.see_sparsely(&rigs, SPARSE_SINGLE);
-        let best = (0..rigs.len()).reduce(
-            |best, next| {
-                if seen[next].union > seen[best].union { next } else { best }
-            },
-        );
-        rigs[best.unwrap_or(0)].clone()
+        let better = |best: usize, next: usize| if seen[next].union > seen[best].union { next } else { best };
+        let best = (0..rigs.len()).reduce(better)?;
+        (SCAN_PITCHES_DEG[best] != 0.0).then(|| rigs[best].clone())
     }
 
     /// Each coordinate alone, by the model: step by step outward, as long as little is lost.
