@@ -13,23 +13,24 @@ impl SceneSearch<'_> {
     /// J of the rigs as they are, by the model, by every `stride`-th voxel.
     pub(super) fn planned(&self, rigs: &[Rig], stride: usize) -> Vec<f64> {
         let seen = self.model.see_roughly(rigs, stride);
-        let qualities = self.modelled_registration(rigs);
+        let qualities = self.modelled_registration(rigs, self.weights.weights.registration != 0.0);
         let objective = |((rig, seen), quality): ((&Rig, &Seen), &Option<RegistrationQuality>)| {
             self.weights.terms(rig, seen, quality.as_ref()).objective()
         };
         rigs.iter().zip(&seen).zip(&qualities).map(objective).collect()
     }
 
-    /// Registration strength by the map of the surroundings, where it counts.
-    fn modelled_registration(&self, rigs: &[Rig]) -> Vec<Option<RegistrationQuality>> {
-        let Some(surroundings) = &self.judges.surroundings else { return vec![None; rigs.len()] };
+    /// Registration strength by the map of the surroundings, where it is needed.
+    fn modelled_registration(&self, rigs: &[Rig], is_needed: bool) -> Vec<Option<RegistrationQuality>> {
+        let surroundings = self.judges.surroundings.as_ref().filter(|_| is_needed);
+        let Some(surroundings) = surroundings else { return vec![None; rigs.len()] };
         let view = &self.judges.cast.views()[0];
         rigs.par_iter().map(|rig| surroundings.quality(view, rig)).collect()
     }
 
     /// By how much rigs miss what is asked, by the same map.
     pub(super) fn modelled_violations(&self, rigs: &[Rig]) -> Vec<f64> {
-        let qualities = self.modelled_registration(rigs);
+        let qualities = self.modelled_registration(rigs, self.weights.weights.least_conditioning > 0.0);
         rigs.iter().zip(&qualities).map(|(rig, quality)| self.violation(rig, quality.as_ref())).collect()
     }
 

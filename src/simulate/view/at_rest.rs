@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::{CastView, Shades};
-use crate::rig::Rig;
+use crate::rig::{MountedSensor, Rig};
 use crate::simulate::occluder::Occluder;
 
 /// A beam in the frame of the body.
@@ -20,7 +20,7 @@ impl CastView {
     /// Beams of all sensors of a rig: of each so many columns and rows at most, evenly chosen, column by column.
     pub(crate) fn beams_at_rest(&self, rig: &Rig, [columns, rows]: [usize; 2]) -> Vec<BeamAtRest> {
         let Shades { has_housings, operator } = self.site().shades;
-        let of_sensor = |(number, sensor): (usize, &crate::rig::MountedSensor)| {
+        let of_sensor = |(number, sensor): (usize, &MountedSensor)| {
             let (fan, _) = self.fan_of(&sensor.model);
             let housings = if has_housings { Occluder::other_housings(rig, number) } else { Vec::new() };
             let occluders: Vec<Occluder> = operator.iter().copied().chain(housings).collect();
