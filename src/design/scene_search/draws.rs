@@ -57,7 +57,7 @@ impl SceneSearch<'_> {
         seen.iter().map(|seen| seen.rays).sum()
     }
 
-    /// J of a rig whose draws were cast.
+    /// J over the draws of a rig, where they were cast.
     pub(super) fn as_built(&self, exact: &Exact) -> Option<AsBuilt> {
         let BuildErrors { tolerance, criterion, .. } = self.plan.errors;
         let scores: Vec<f64> = exact.losses.as_ref()?.iter().map(|loss| exact.objective() - loss).collect();

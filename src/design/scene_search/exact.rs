@@ -1,4 +1,4 @@
-//! Rigs whose beams were cast.
+//! Rigs that were cast.
 
 use crate::design::objective::Terms;
 use crate::design::registration::RegistrationQuality;
@@ -6,7 +6,7 @@ use crate::rig::Rig;
 use crate::simulate::view::Seen;
 use crate::world::coverage::Coverage;
 
-/// A rig whose beams were cast.
+/// A rig that was cast.
 #[derive(Clone, Debug)]
 pub(crate) struct Exact {
     pub values: Vec<f64>,

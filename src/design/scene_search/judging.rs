@@ -1,4 +1,4 @@
-//! J of rigs: by the model, and of those whose beams were cast.
+//! J of rigs: by the model, and by casting.
 
 use rayon::prelude::*;
 
@@ -46,7 +46,7 @@ impl SceneSearch<'_> {
         (self.weights.terms(rig, seen, quality.as_ref()), quality)
     }
 
-    /// Points whose rigs were cast.
+    /// Points and what their rigs see by casting.
     pub(super) fn exact(&self, points: Vec<Vec<f64>>, rigs: Vec<Rig>, seen: Vec<Seen>) -> Vec<Exact> {
         let losses = self.modelled_losses(&rigs);
         let exact = |(((values, rig), seen), loss)| {

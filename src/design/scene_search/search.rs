@@ -178,7 +178,7 @@ impl<'a> SceneSearch<'a> {
         end
     }
 
-    /// Those judged, best first: those that keep their distance, of equals the least tilted.
+    /// Those judged, best first: those that keep what is asked, of equals the least tilted.
     fn rank(&mut self) {
         self.exact.sort_by(|a, b| {
             let by_score = a.violation.total_cmp(&b.violation).then(b.score().total_cmp(&a.score()));
@@ -186,7 +186,7 @@ impl<'a> SceneSearch<'a> {
         });
     }
 
-    /// Casts draws of the best of those judged until the best is one whose draws were cast. How many rays that takes.
+    /// Casts the draws of the best of those judged, until the best has them. How many rays that takes.
     fn build_the_best(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> u64 {
         let mut rays = 0;
         while self.plan.errors.criterion.is_some() && !stop.load(Ordering::Relaxed) {
