@@ -18,7 +18,6 @@ pub const CASES: &[Case] = &[
     case("every_flaw_has_its_option", every_flaw_has_its_option),
     case("a_single_sensor_needs_no_mount", a_single_sensor_needs_no_mount),
     case("columns_from_180_to_4096", columns_from_180_to_4096),
-    case("a_prediction_is_scored", a_prediction_is_scored),
     case("a_mesh_is_asked_for_its_unit_and_axis", a_mesh_is_asked_for_its_unit_and_axis),
     case("an_error_tells_its_cause_once", an_error_tells_its_cause_once),
     case("pages_stand_alone", pages_stand_alone),
@@ -324,33 +323,6 @@ fn columns_from_180_to_4096() {
         folder.document(&[&GOOD[..], &["--azimuths", columns]].concat())["unique_voxels"].as_u64()
     };
     assert!(azimuths("4096") > azimuths("180"));
-}
-
-fn a_prediction_is_scored() {
-    let folder = Folder::new();
-    for (scored, more) in [
-        (folder.predict(&["--azimuths", "180"]), &[][..]),
-        (folder.predict(&["--azimuths", "180", "--weights", "published"]), &["--weights", "published"]),
-        (folder.predict(&["--azimuths", "180", "--ideal"]), &[]),
-    ] {
-        let number = |value: &Value| value.as_f64().unwrap();
-        let voxels = |value: &Value| value.as_array().unwrap().iter().map(number).sum::<f64>();
-        let (union, overlap) = (number(&scored["unique_voxels"]), number(&scored["overlap_voxels"]));
-        assert_eq!(voxels(&scored["per_sensor_voxels"]), union + overlap, "{scored}");
-        assert_eq!(voxels(&scored["unique_per_sensor"]), union - overlap);
-        assert!((number(&scored["overlap_ratio"]) - overlap / union).abs() < 1e-12);
-        assert!((number(&scored["min_angle_deg"]) - 60.0).abs() < 1e-9);
-        let terms = &scored["terms"];
-        assert_eq!(number(&terms["coverage"]), union);
-        let scale = match more.is_empty() {
-            true => number(&scored["reachable_voxels"]) / 35_048.0,
-            false => 1.0,
-        };
-        assert!((number(&terms["cost"]) + 4000.0 * scale).abs() < 1e-6, "{terms}");
-        assert!((number(&terms["angular"]) - 100.0 * scale).abs() < 1e-6, "{terms}");
-        let sum = terms.as_object().unwrap().values().map(number).sum::<f64>();
-        assert!((number(&scored["objective"]) - sum).abs() < 1e-6, "{scored}");
-    }
 }
 
 fn a_mesh_is_asked_for_its_unit_and_axis() {

@@ -54,6 +54,7 @@ pub const CASES: &[Case] = &[
     crate::support::case("sites_go_with_the_other_flags", sites::go_with_the_other_flags),
     crate::support::case("sites_refuse_what_is_about_one", sites::refuse_what_is_about_one),
     crate::support::case("beams_of_dear_rigs_are_thinned", command::thins_the_beams_of_dear_rigs),
+    crate::support::case("a_prediction_is_scored", command::a_prediction_is_scored),
     crate::support::case(
         "errors_of_building_are_reckoned_with",
         command::errors_of_building_are_reckoned_with,

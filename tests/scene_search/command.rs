@@ -50,6 +50,37 @@ pub fn predict_casts_ideal_mounts() {
     assert!(words.contains("3 models") && words.contains("2 sensors"), "{words}");
 }
 
+pub fn a_prediction_is_scored() {
+    let mounts = "--mounts=0.08,0,0.1,30,0;-0.08,0,0.1,-30,0";
+    let place = ["--room=0,0,0,6,4,3", "--trajectory", "2,2,1.5 4,2,1.5", "--azimuths", "180"];
+    let predict = |more: &[&str]| {
+        json(&[&["predict", "--json", "--sensors", "vlp-16", mounts][..], &place, more].concat())
+    };
+    for (scored, more) in [
+        (predict(&[]), &[][..]),
+        (predict(&["--weights", "published"]), &["--weights", "published"]),
+        (predict(&["--ideal"]), &[]),
+    ] {
+        let number = |value: &serde_json::Value| value.as_f64().unwrap();
+        let voxels = |value: &serde_json::Value| value.as_array().unwrap().iter().map(number).sum::<f64>();
+        let (union, overlap) = (number(&scored["unique_voxels"]), number(&scored["overlap_voxels"]));
+        assert_eq!(voxels(&scored["per_sensor_voxels"]), union + overlap, "{scored}");
+        assert_eq!(voxels(&scored["unique_per_sensor"]), union - overlap);
+        assert!((number(&scored["overlap_ratio"]) - overlap / union).abs() < 1e-12);
+        assert!((number(&scored["min_angle_deg"]) - 60.0).abs() < 1e-9);
+        let terms = &scored["terms"];
+        assert_eq!(number(&terms["coverage"]), union);
+        let scale = match more.is_empty() {
+            true => number(&scored["reachable_voxels"]) / 35_048.0,
+            false => 1.0,
+        };
+        assert!((number(&terms["cost"]) + 4000.0 * scale).abs() < 1e-6, "{terms}");
+        assert!((number(&terms["angular"]) - 100.0 * scale).abs() < 1e-6, "{terms}");
+        let sum = terms.as_object().unwrap().values().map(number).sum::<f64>();
+        assert!((number(&scored["objective"]) - sum).abs() < 1e-6, "{scored}");
+    }
+}
+
 pub fn optimize_finds_a_pair_in_the_house() {
     let folder = tempfile::tempdir().unwrap();
     let mount = folder.path().join("mount.json").to_str().unwrap().to_owned();
@@ -362,9 +393,9 @@ pub fn registration_counts() {
     assert!((p5(best) / after - 1.0).abs() < 0.15, "{} {after}", p5(best));
     assert!(p5(&weighted["level"]) < 0.02, "{weighted}");
     let least = 0.9 * p5(best);
-    let kept = search(&["--min-conditioning", &least.to_string()]);
-    assert!(p5(&kept["best"]) >= least, "{kept}");
-    assert_eq!(kept["best"]["terms"]["registration"], 0.0);
+    let constrained = search(&["--min-conditioning", &least.to_string()]);
+    assert!(p5(&constrained["best"]) >= least, "{constrained}");
+    assert_eq!(constrained["best"]["terms"]["registration"], 0.0);
     let refused =
         outrigger(&[&["optimize", "--min-conditioning", "0.32"][..], &searched[1..], &flags].concat());
     let words = String::from_utf8_lossy(&refused.stderr);

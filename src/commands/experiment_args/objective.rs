@@ -98,10 +98,9 @@ impl ExperimentArgs {
         };
         let least_distance_m = self.least_distance.unwrap_or(0.0);
         let (registration, least_conditioning) = self.registration()?;
-        let is_size = |number: f64| number.is_finite() && number >= 0.0;
         let prices = self.lambda.clone().unwrap_or_default().of(&experiment.models()).map_err(wrong_usage)?;
         ensure_consistent([(
-            !is_size(least_distance_m),
+            !(least_distance_m.is_finite() && least_distance_m >= 0.0),
             format!("--least-distance {least_distance_m}, expected a finite number of at least 0"),
         )])?;
         let weights =

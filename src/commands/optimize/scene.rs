@@ -97,7 +97,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let views = Views::new(sites, &units, (&sampling, &fineness(&rigs)), &largest(args, &rigs), &asked)
         .map_err(|error| if error.is_usage() { wrong_usage(error) } else { error.into() })?;
     let Views { mut model, judges, weights } = views;
-    let run = Run { args, judges: &judges, weights, evaluations, seed, errors, stage: &stage, stop: &stop };
+    let run = Run {
+        args,
+        asked: &asked,
+        judges: &judges,
+        weights,
+        evaluations,
+        seed,
+        errors,
+        stage: &stage,
+        stop: &stop,
+    };
     let cast = &judges.cast;
     let (rigs, known, found) = run.by_count(rigs, &mut model)?;
     let (search, mut end) = run.search(&rigs, &mut model, known)?;

@@ -19,6 +19,7 @@ use crate::simulate::view::CellSites;
 /// What all searches of a command share.
 pub(super) struct Run<'a, 's> {
     pub(super) args: &'s Args,
+    pub(super) asked: &'s Asked<'s>,
     pub(super) judges: &'a Judges,
     pub(super) weights: SceneWeights,
     pub(super) evaluations: usize,
@@ -117,7 +118,7 @@ impl<'a> Run<'a, '_> {
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
             (None, Some(path)) => {
-                let question = Question::of(&asked(self.args)?, &plan, rigs, self.judges.cast.views());
+                let question = Question::of(self.asked, &plan, rigs, self.judges.cast.views());
                 let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 
 use super::args::Args;
 use crate::commands::scene_args::Operator;
-use crate::commands::{Context, scene_file, wrong_usage};
+use crate::commands::{Context, ensure_consistent, scene_file, wrong_usage};
 use crate::recording::walk_text::WalkText;
 use crate::report::scene_search::SiteSource;
 use crate::simulate::prediction::grid_of;
@@ -33,9 +33,11 @@ pub(super) fn sites(args: &Args, context: Context) -> anyhow::Result<(Vec<Found>
     if places.len() > 1 {
         let why = "writes one trajectory, and there are several --site: give one of them by --scene and --trajectory";
         context.ensure_not_typed(&["trajectory_out"], why)?;
-        let why = "is about one scene, and there are several --site";
-        context.ensure_not_typed(&["registration_weight", "min_conditioning"], why)?;
     }
+    let is_registration_asked = args.experiment.registration()? != (0.0, 0.0);
+    let words =
+        "--registration-weight and --min-conditioning are about one scene, and there are several --site";
+    ensure_consistent([(is_registration_asked && places.len() > 1, words.into())])?;
     let mut warnings = Vec::new();
     let mut sites = Vec::new();
     for place in places {
@@ -62,10 +64,11 @@ fn site(
         scene_file::read_or_room(scene, scene_args.room, &scene_args.mesh, &scene_args.map, context)?;
     let mut loaded = loaded.context("give --scene or --room")?;
     scene_args.quality.ensure_known_in(&loaded.scene)?;
-    if matches!(loaded.scene, Scene::Voxels(_)) {
-        let why = "is about surface normals, which a map of voxels does not have: give a mesh behind --scene";
-        context.ensure_not_typed(&["registration_weight", "min_conditioning"], why)?;
-    }
+    let is_map = matches!(loaded.scene, Scene::Voxels(_));
+    let is_registration_asked = args.experiment.registration()? != (0.0, 0.0);
+    let words = "--registration-weight and --min-conditioning are about surface normals, which a map of voxels does not have: give \
+                 a mesh behind --scene";
+    ensure_consistent([(is_registration_asked && is_map, words.into())])?;
     let (trajectory, source) = walk_of(args, (scene, walk), &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;

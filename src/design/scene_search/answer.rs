@@ -184,7 +184,9 @@ impl SceneSearch<'_> {
         let level_values = self.rigs.level(&first.values);
         let level_rig = self.rigs.rig(&level_values);
         let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
-        let level_exact = self.exact(vec![level_values], vec![level_rig], vec![level_seen]).pop()?;
+        let level_scores = self.scores(std::slice::from_ref(&level_rig), 1);
+        let level_exact =
+            self.exact((vec![level_values], &level_scores), vec![level_rig], vec![level_seen]).pop()?;
         let level = level_exact.clone();
         if tilt_rad(&first.rig) > 0.0 {
             exact.push(level_exact);

@@ -22,11 +22,10 @@ impl SceneSearch<'_> {
         rigs.chunks(TOGETHER.div_ceil(draws)).flat_map(of_draws).collect()
     }
 
-    /// What errors of building take from J of each rig, by the model; 0 where J as planned is searched.
-    pub(super) fn modelled_losses(&self, rigs: &[Rig]) -> Vec<f64> {
+    /// What errors of building take from J of each rig, by the model that gave it this score; 0 where J as planned is searched.
+    pub(super) fn modelled_losses(&self, rigs: &[Rig], scores: &[f64]) -> Vec<f64> {
         match self.plan.errors.criterion {
             Some(_) => {
-                let scores = self.scores(rigs, 1).into_iter();
                 self.planned(rigs, 1).iter().zip(scores).map(|(planned, score)| planned - score).collect()
             }
             None => vec![0.0; rigs.len()],

@@ -46,9 +46,14 @@ impl SceneSearch<'_> {
         (self.weights.terms(rig, seen, quality.as_ref()), quality)
     }
 
-    /// Points and what their rigs see by casting.
-    pub(super) fn exact(&self, points: Vec<Vec<f64>>, rigs: Vec<Rig>, seen: Vec<Seen>) -> Vec<Exact> {
-        let losses = self.modelled_losses(&rigs);
+    /// Points, their scores by the model, and what their rigs see by casting.
+    pub(super) fn exact(
+        &self,
+        (points, scores): (Vec<Vec<f64>>, &[f64]),
+        rigs: Vec<Rig>,
+        seen: Vec<Seen>,
+    ) -> Vec<Exact> {
+        let losses = self.modelled_losses(&rigs, scores);
         let exact = |(((values, rig), seen), loss)| {
             let (terms, registration) = self.terms(&rig, &seen);
             let violation = self.violation(&rig, registration.as_ref());

@@ -388,8 +388,9 @@ impl<'a> SceneSearch<'a> {
             None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
-        let points = chosen.iter().map(|at| self.tried[*at].values.clone()).collect();
-        let exact = self.exact(points, rigs, seen);
+        let looked_at = chosen.iter().map(|at| (self.tried[*at].values.clone(), self.tried[*at].score));
+        let (points, scores): (Vec<_>, Vec<f64>) = looked_at.unzip();
+        let exact = self.exact((points, &scores), rigs, seen);
         self.exact.extend(exact);
         let memo = self.exact.iter().filter(|exact| exact.violation == 0.0);
         if let Some(best) = memo.map(Exact::score).reduce(f64::max) {
