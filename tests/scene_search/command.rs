@@ -316,7 +316,7 @@ pub fn thins_the_beams_of_dear_rigs() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (state, mount) = (path("state.json"), path("mount.json"));
-    let place = [ROOM, "--trajectory", "-1,0 1,0", "--ideal", "--json"];
+    let place = [ROOM, "--trajectory", "-2,0 2,0", "--ideal", "--json"];
     let searched = ["--sensors", "os0-128,os0-128", "--evals", "40", "--resume", &state, "-o", &mount];
     let found = json(&[&["optimize"][..], &place, &searched].concat());
     let plan = &found["plan"];

@@ -4,8 +4,9 @@
 use super::ridge::{RidgeFit, dot};
 use crate::rig::Mount;
 
-/// Weight of a term of size one against the data, in observations.
-const RIDGE: f64 = 0.05;
+/// Weight of a term of size one against the data, in observations: of few terms, and of those that bend as well, which have to be
+/// free to follow what the model gets wrong in a large scene.
+const RIDGE: [f64; 2] = [0.05, 0.01];
 /// Lengths and angles over which the terms are of size one.
 const LENGTH_M: f64 = 0.15;
 const PITCH_RAD: f64 = 0.5;
@@ -15,22 +16,37 @@ const STEP_M: f64 = 0.02;
 const ENOUGH: usize = 8;
 /// Scores that differ by this share are a term of size one.
 const SCORE_SHARE: f64 = 0.01;
-/// A step has to leave less than this share of the error.
+/// A step has to leave less than this share of the error, terms that bend less than this.
 const STEP_LEAVES: f64 = 0.7;
+const BENDS_LEAVE: f64 = 0.85;
+
+/// A rig that the model looked at.
+#[derive(Clone, Debug)]
+pub(super) struct Modelled {
+    pub masters: Vec<Mount>,
+    /// J by the model.
+    pub score: f64,
+    /// What of it is no estimate: the term of the angle.
+    pub angular: f64,
+}
+
+impl Modelled {
+    fn estimated(&self) -> f64 {
+        self.score - self.angular
+    }
+}
 
 /// A rig of which both scores are known.
 #[derive(Clone, Debug)]
 pub(super) struct Observed {
-    pub masters: Vec<Mount>,
-    /// J by the model.
-    pub model: f64,
+    pub model: Modelled,
     /// J of the rays.
     pub exact: f64,
 }
 
 impl Observed {
     fn error(&self) -> f64 {
-        self.exact - self.model
+        self.exact - self.model.score
     }
 }
 
@@ -63,6 +79,8 @@ pub(crate) struct ModelError {
 struct Basis {
     /// Mean of the model's scores, and a difference that makes a term of size one.
     scores: (f64, f64),
+    /// With terms that bend.
+    bends: bool,
     step_z_m: Option<f64>,
 }
 
@@ -70,50 +88,61 @@ impl Basis {
     /// Inward tilts (x and pitch of opposite sign) are under-rated. Heights are stored in layers, between which the error bends.
     /// A sensor far ahead or behind sees around corners what the middle does not. Of what the model misses, a good mount sees
     /// another share than a bad one.
-    fn terms(&self, masters: &[Mount], score: f64) -> Vec<f64> {
+    fn terms(&self, model: &Modelled) -> Vec<f64> {
         let of_master = |mount: &Mount| {
             let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);
             let pitch = mount.pitch_rad / PITCH_RAD;
             let side = if pitch < 0.0 { -1.0 } else { 1.0 };
-            [pitch.abs(), x * side, x * pitch, z, z * z, y * y]
+            let few = [pitch.abs(), x * side, x * pitch, z, z * z, y * y];
+            let bending = [y, x * x, z * pitch, pitch * pitch];
+            few.into_iter().chain(bending.into_iter().filter(|_| self.bends))
         };
-        let mut terms: Vec<f64> = masters.iter().flat_map(of_master).collect();
+        let mut terms: Vec<f64> = model.masters.iter().flat_map(of_master).collect();
         let (mean, unit) = self.scores;
-        terms.push((score - mean) / unit);
+        terms.push((model.estimated() - mean) / unit);
         terms.extend(self.step_z_m.map(|step_z_m| {
-            let above = masters.iter().map(|mount| ((mount.z_m - step_z_m) / STEP_M).clamp(-1.0, 1.0));
-            above.sum::<f64>() / masters.len().max(1) as f64
+            let above = model.masters.iter().map(|mount| ((mount.z_m - step_z_m) / STEP_M).clamp(-1.0, 1.0));
+            above.sum::<f64>() / model.masters.len().max(1) as f64
         }));
         terms
     }
 }
 
 impl Correction {
-    /// Fits to exactly evaluated rigs, with the step in height that leaves least, if one leaves much less than none does.
+    /// Fits to exactly evaluated rigs, by terms that bend where these leave less.
     pub(crate) fn fit(observed: &[Observed]) -> Self {
         if observed.len() < ENOUGH {
             let constant = observed.iter().map(Observed::error).sum::<f64>() / observed.len().max(1) as f64;
             return Self { constant, ..Self::default() };
         }
-        let mean = observed.iter().map(|rig| rig.model).sum::<f64>() / observed.len() as f64;
-        let basis = Basis { scores: (mean, (SCORE_SHARE * mean.abs()).max(1.0)), step_z_m: None };
+        let mean = observed.iter().map(|rig| rig.model.estimated()).sum::<f64>() / observed.len() as f64;
+        let scores = (mean, (SCORE_SHARE * mean.abs()).max(1.0));
+        let few = Self::of_basis(Basis { scores, bends: false, step_z_m: None }, observed);
+        let bent = Self::of_basis(Basis { scores, bends: true, step_z_m: None }, observed);
+        if bent.sd() < BENDS_LEAVE * few.sd() { bent } else { few }
+    }
+
+    fn sd(&self) -> f64 {
+        self.error.map_or(f64::INFINITY, |error| error.sd)
+    }
+
+    /// With the step in height that leaves least, if one leaves much less than none does.
+    fn of_basis(basis: Basis, observed: &[Observed]) -> Self {
         let smooth = Self::with(basis, observed);
-        let sd = |correction: &Self| correction.error.map_or(f64::INFINITY, |error| error.sd);
         let mut heights_m: Vec<f64> =
-            observed.iter().flat_map(|rig| rig.masters.iter().map(|mount| mount.z_m)).collect();
+            observed.iter().flat_map(|rig| rig.model.masters.iter().map(|mount| mount.z_m)).collect();
         heights_m.sort_by(f64::total_cmp);
         // two mounts at least on each side
         let between = heights_m.windows(2).skip(1).take(heights_m.len().saturating_sub(3));
         let stepped = between
             .map(|pair| Self::with(Basis { step_z_m: Some(0.5 * (pair[0] + pair[1])), ..basis }, observed));
-        let best = stepped.reduce(|best, next| if sd(&next) < sd(&best) { next } else { best });
-        best.filter(|best| sd(best) < STEP_LEAVES * sd(&smooth)).unwrap_or(smooth)
+        let best = stepped.reduce(|best, next| if next.sd() < best.sd() { next } else { best });
+        best.filter(|best| best.sd() < STEP_LEAVES * smooth.sd()).unwrap_or(smooth)
     }
 
     /// Of two rigs or more.
     fn with(basis: Basis, observed: &[Observed]) -> Self {
-        let mut rows: Vec<Vec<f64>> =
-            observed.iter().map(|rig| basis.terms(&rig.masters, rig.model)).collect();
+        let mut rows: Vec<Vec<f64>> = observed.iter().map(|rig| basis.terms(&rig.model)).collect();
         let n = rows.len();
         let mean = observed.iter().map(Observed::error).sum::<f64>() / n as f64;
         let middle: Vec<f64> =
@@ -122,7 +151,8 @@ impl Correction {
             |row: &mut Vec<f64>| row.iter_mut().zip(&middle).for_each(|(term, middle)| *term -= middle);
         rows.iter_mut().for_each(centre);
         let targets: Vec<f64> = observed.iter().map(|rig| rig.error() - mean).collect();
-        let Some(fit) = RidgeFit::new(&rows, &targets, |_| RIDGE * n as f64 * 0.1 + RIDGE) else {
+        let ridge = RIDGE[usize::from(basis.bends)];
+        let Some(fit) = RidgeFit::new(&rows, &targets, |_| ridge * (0.1 * n as f64 + 1.0)) else {
             return Self { constant: mean, ..Self::default() };
         };
         // each left out in turn, without fitting again (Hastie, Tibshirani, Friedman 2009, equation 7.64)
@@ -141,9 +171,9 @@ impl Correction {
         Self { basis, constant, weights: fit.weights, error: Some(error) }
     }
 
-    /// J of a rig's masters as rays would find it, by its score of the model.
-    pub(crate) fn corrected(&self, masters: &[Mount], score: f64) -> f64 {
-        score + self.constant + dot(&self.weights, &self.basis.terms(masters, score))
+    /// J of a rig as rays would find it.
+    pub(crate) fn corrected(&self, model: &Modelled) -> f64 {
+        model.score + self.constant + dot(&self.weights, &self.basis.terms(model))
     }
 
     pub(crate) fn error(&self) -> Option<ModelError> {
@@ -166,18 +196,18 @@ mod tests {
                 pitch_rad: rng.between(-1.0, 1.0),
                 ..Mount::default()
             };
-            let model = rng.between(60_000.0, 61_000.0);
+            let score = rng.between(60_000.0, 61_000.0);
             let smooth = 400.0 + 300.0 * mount.x_m * mount.pitch_rad / 0.075 - 200.0 * mount.z_m / 0.15;
-            let stretched = 0.25 * (model - 60_500.0);
+            let stretched = 0.25 * (score - 60_500.0);
             let above = if mount.z_m > 0.03 { step } else { 0.0 };
-            let exact = model + smooth + stretched + above + noise * rng.normal();
-            Observed { masters: vec![mount], model, exact }
+            let exact = score + smooth + stretched + above + noise * rng.normal();
+            Observed { model: Modelled { masters: vec![mount], score, angular: 0.0 }, exact }
         };
         (0..count).map(|_| rig()).collect()
     }
 
     fn rms(correction: &Correction, rigs: &[Observed]) -> f64 {
-        let off = |rig: &Observed| correction.corrected(&rig.masters, rig.model) - rig.exact;
+        let off = |rig: &Observed| correction.corrected(&rig.model) - rig.exact;
         (rigs.iter().map(|rig| off(rig).powi(2)).sum::<f64>() / rigs.len() as f64).sqrt()
     }
 
@@ -189,7 +219,22 @@ mod tests {
         assert!((10.0..45.0).contains(&error.sd) && error.n == 30 && error.step_z_m.is_none(), "{error:?}");
         let off = rms(&correction, &observe(&mut rng, 200, 0.0, 0.0));
         assert!(off < 40.0, "{off}");
-        assert_eq!(Correction::fit(&[]).corrected(&[Mount::default()], 7.0), 7.0);
+        let level = Modelled { masters: vec![Mount::default()], score: 7.0, angular: 0.0 };
+        assert_eq!(Correction::fit(&[]).corrected(&level), 7.0);
+    }
+
+    #[test]
+    fn an_error_that_bends_is_followed() {
+        let mut rng = Rng::new(5, 0);
+        let bend = |rig: &mut Observed| {
+            let mount = &rig.model.masters[0];
+            rig.exact += 4000.0 * mount.y_m - 1500.0 * mount.pitch_rad.powi(2);
+        };
+        let [mut seen, mut others] = [24, 200].map(|count| observe(&mut rng, count, 0.0, 20.0));
+        seen.iter_mut().chain(&mut others).for_each(bend);
+        let off = rms(&Correction::fit(&seen), &others);
+        // by the few terms some 400 are left
+        assert!(off < 100.0, "{off}");
     }
 
     #[test]
@@ -202,7 +247,7 @@ mod tests {
                 assert!((step_z_m - 0.03).abs() < 0.02, "{seed}: {step_z_m}");
                 // all but the mounts within the ramp
                 let mut others = observe(&mut rng, 200, -2500.0, 0.0);
-                others.retain(|rig| (rig.masters[0].z_m - 0.03).abs() > 2.0 * STEP_M);
+                others.retain(|rig| (rig.model.masters[0].z_m - 0.03).abs() > 2.0 * STEP_M);
                 rms(&correction, &others)
             })
             .collect();

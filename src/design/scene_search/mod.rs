@@ -6,6 +6,7 @@
 
 mod answer;
 mod built;
+mod climb;
 mod correction;
 mod draws;
 mod exact;

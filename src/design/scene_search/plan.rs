@@ -6,13 +6,14 @@ use crate::design::registration::surroundings::Surroundings;
 use crate::rig::Rig;
 use crate::simulate::view::CastSites;
 
-/// Where an exact evaluation casts fewer rays than this, so many are early, correct the model in all, come amid the second search and
-/// judge finalists. In small rooms they are cheap or the model is good; of large ones it has more to learn, until time binds.
-const EXACT: [(u64, [usize; 4]); 4] = [
-    (3_000_000, [0, 16, 6, 20]),
-    (6_000_000, [0, 12, 0, 10]),
-    (25_000_000, [8, 14, 6, 10]),
-    (u64::MAX, [8, 12, 0, 6]),
+/// Where an exact evaluation casts fewer rays than this, so many are early, correct the model in all, come amid the second search,
+/// judge finalists and climb from the best of these. In small rooms they are cheap or the model is good; of large ones it has more to
+/// learn, until time binds.
+const EXACT: [(u64, [usize; 5]); 4] = [
+    (3_000_000, [0, 16, 6, 20, 0]),
+    (8_000_000, [8, 14, 0, 4, 10]),
+    (25_000_000, [8, 14, 6, 4, 12]),
+    (u64::MAX, [8, 12, 0, 2, 6]),
 ];
 /// Steps of sixteen that a local search aims at the top of a quadratic; second where exact evaluations are so cheap that many finalists
 /// decide, which had better differ.
@@ -20,9 +21,10 @@ const AIMED: [usize; 2] = [4, 0];
 /// Mounts that the model looks at again; second where many exact evaluations need fewer good guesses.
 const AGAIN: [[usize; 3]; 2] = [[48, 112, 32], [40, 96, 24]];
 /// A thinned view casts at most so many rays of a rig, but one beam in so many at least and so many rays for each voxel that can
-/// be seen; second that of sensors of few channels, whose gaps many revolutions have to fill. Thinner views count the density of
-/// beams, not what is seen.
-const THINNEST: [(u64, u32, u64); 2] = [(4_000_000, 16, 40), (8_000_000, 4, 24)];
+/// be seen, the second number of them where the first takes more than so many rays; second that of sensors of few channels, whose gaps many
+/// revolutions have to fill. Thinner views count the density of beams, not what is seen.
+const THINNEST: [(u64, u32, [u64; 2]); 2] = [(4_000_000, 16, [80, 40]), (8_000_000, 4, [48, 24])];
+const MANY_RAYS: u64 = 45_000_000;
 /// Finalists of a thinned view whose beams are all cast: the second where each casts more than so many rays, the third where
 /// more than so many.
 const WHOLE: [usize; 3] = [3, 2, 1];
@@ -46,6 +48,8 @@ pub(crate) struct Plan {
     pub amid: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
+    /// Exact evaluations around the best finalist, a few at a time.
+    pub climbing: usize,
     /// Mounts that the model looks at again by all voxels: after the spread, after the first local search, after each later one.
     pub again: [usize; 3],
     /// Steps of sixteen that a local search aims at the top of a quadratic through good mounts.
@@ -69,7 +73,7 @@ impl Plan {
     ) -> Self {
         let rays = rays_of_whole / u64::from(thinning);
         let class = EXACT.iter().position(|(below, _)| rays < *below).unwrap_or(EXACT.len() - 1);
-        let [early, correcting, amid, finalists] = EXACT[class].1;
+        let [early, correcting, amid, finalists, climbing] = EXACT[class].1;
         Self {
             seed,
             evaluations,
@@ -79,6 +83,7 @@ impl Plan {
             correcting: correcting.min(evaluations),
             amid: amid.min(evaluations),
             finalists: finalists.min(evaluations),
+            climbing: climbing.min(evaluations),
             again: AGAIN[usize::from(class == 0)],
             aimed: AIMED[usize::from(class == 0)],
             thinning,
@@ -109,11 +114,12 @@ impl Judges {
 pub(super) fn thinning(cast: &CastSites, rig: &Rig, observable: u64) -> u32 {
     let (most_rays, most, rays_of_voxel) = THINNEST[usize::from(is_of_few_channels(rig))];
     let rays = cast.rays(rig);
+    let is_dense = |thinning: u32| {
+        let many = rays / u64::from(thinning) > MANY_RAYS;
+        rays / u64::from(2 * thinning) >= rays_of_voxel[usize::from(many)] * observable
+    };
     let mut thinning = 1;
-    while rays / u64::from(thinning) > most_rays
-        && thinning < most
-        && rays / u64::from(2 * thinning) >= rays_of_voxel * observable
-    {
+    while rays / u64::from(thinning) > most_rays && thinning < most && is_dense(thinning) {
         thinning *= 2;
     }
     thinning

@@ -1,16 +1,16 @@
 //! The two levels: a spread and local searches on the model, exact evaluations that correct it, local searches again, exact
-//! finalists. Where all beams of a rig are too many, a thinned view judges, and all beams the best of the finalists.
+//! finalists and steps from the best. Where all beams of a rig are too many, a thinned view judges, and all beams the best of them.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::correction::{Correction, ModelError, Observed};
+use super::correction::{Correction, ModelError, Modelled, Observed};
 use super::exact::{Exact, tilt_rad};
 use super::plan::{Judges, Plan};
 use super::state_file::Findings;
 use super::{RigSpace, SceneWeights};
 use crate::base::rng::Rng;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
-use crate::rig::{Mount, Rig};
+use crate::rig::Rig;
 use crate::simulate::view::CellSites;
 
 /// In the spread, in the first local search and in those after it every so many voxels are looked at.
@@ -21,14 +21,12 @@ const PITCH_SIGNS: usize = 2;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
-const APART: f64 = 0.03;
+pub(super) const APART: f64 = 0.03;
 
 /// A rig that the model looked at.
 pub(super) struct Tried {
     pub(super) values: Vec<f64>,
-    mounts: Vec<Mount>,
-    /// J by the model.
-    score: f64,
+    model: Modelled,
     /// By some of the voxels.
     is_rough: bool,
     pub(super) violation: f64,
@@ -43,7 +41,7 @@ pub(crate) struct SceneSearch<'a> {
     pub plan: Plan,
     pub(super) space: Space,
     pub(super) tried: Vec<Tried>,
-    exact: Vec<Exact>,
+    pub(super) exact: Vec<Exact>,
     correction: Correction,
     /// Model evaluations done and the best exact J then.
     history: Vec<(usize, f64)>,
@@ -154,6 +152,7 @@ impl<'a> SceneSearch<'a> {
             self.judge_all(self.best_left(count));
             self.correct();
         }
+        self.climb(progress, stop);
         let stopped_by = if is_stopped() { StoppedBy::Interrupted } else { StoppedBy::Budget };
         let left = self.best_left(1).first().map(|at| self.corrected(&self.tried[*at]));
         let (judged, rays) = (self.exact.len(), self.exact.iter().map(|exact| exact.seen.rays).sum::<u64>());
@@ -226,9 +225,14 @@ impl<'a> SceneSearch<'a> {
     pub(crate) fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
         let scores = self.scores(&rigs, 1).into_iter();
-        let corrected =
-            |(values, score): (&Vec<f64>, f64)| self.correction.corrected(&self.rigs.mounts(values), score);
-        points.iter().zip(scores).map(corrected).collect()
+        let modelled = points.iter().zip(&rigs).zip(scores);
+        modelled
+            .map(|((values, rig), score)| self.correction.corrected(&self.modelled(values, rig, score)))
+            .collect()
+    }
+
+    fn modelled(&self, values: &[f64], rig: &Rig, score: f64) -> Modelled {
+        Modelled { masters: self.rigs.mounts(values), score, angular: self.weights.angular(rig) }
     }
 
     /// The space that is searched.
@@ -237,7 +241,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     pub(super) fn corrected(&self, tried: &Tried) -> f64 {
-        self.correction.corrected(&tried.mounts, tried.score)
+        self.correction.corrected(&tried.model)
     }
 
     fn trial(&self, tried: &Tried) -> Trial {
@@ -263,7 +267,7 @@ impl<'a> SceneSearch<'a> {
             None => self.scores(&rigs, 1),
         };
         for (at, score) in chosen.iter().zip(&scores) {
-            (self.tried[*at].score, self.tried[*at].is_rough) = (*score, false);
+            (self.tried[*at].model.score, self.tried[*at].is_rough) = (*score, false);
         }
         self.found.again.extend(scores);
     }
@@ -283,11 +287,10 @@ impl<'a> SceneSearch<'a> {
         };
         self.found.scores.extend(&scores);
         let violations = self.modelled_violations(&rigs);
-        for ((values, violation), score) in points.iter().zip(violations).zip(scores) {
+        for (((values, rig), violation), score) in points.iter().zip(&rigs).zip(violations).zip(scores) {
             self.tried.push(Tried {
                 values: values.clone(),
-                mounts: self.rigs.mounts(values),
-                score,
+                model: self.modelled(values, rig, score),
                 is_rough: stride > 1,
                 violation,
             });
@@ -324,7 +327,7 @@ impl<'a> SceneSearch<'a> {
         self.distance_of(&self.tried[one].values, &self.tried[other].values)
     }
 
-    fn distance_of(&self, one: &[f64], other: &[f64]) -> f64 {
+    pub(super) fn distance_of(&self, one: &[f64], other: &[f64]) -> f64 {
         let (one, other) = (self.space.to_unit(one), self.space.to_unit(other));
         one.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
     }
@@ -358,7 +361,7 @@ impl<'a> SceneSearch<'a> {
 
     /// Ranked trials by which of the sensors are pitched up: the group of the best one first, the other groups but one left out.
     pub(super) fn by_pitch_signs(&self, ranked: &[usize]) -> Vec<Vec<usize>> {
-        let is_up = |at: usize| self.tried[at].mounts.iter().map(|mount| mount.pitch_rad > 0.0);
+        let is_up = |at: usize| self.tried[at].model.masters.iter().map(|mount| mount.pitch_rad > 0.0);
         let mut groups: Vec<Vec<usize>> = Vec::new();
         for at in ranked {
             match groups.iter_mut().find(|own| is_up(own[0]).eq(is_up(*at))) {
@@ -380,7 +383,7 @@ impl<'a> SceneSearch<'a> {
         self.choose(count, APART, is_new)
     }
 
-    fn judge_all(&mut self, chosen: Vec<usize>) {
+    pub(super) fn judge_all(&mut self, chosen: Vec<usize>) {
         let rigs: Vec<Rig> = chosen.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
         let first = self.exact.len();
         let seen = match self.known.exact.get(first..first + rigs.len()) {
@@ -388,7 +391,7 @@ impl<'a> SceneSearch<'a> {
             None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
-        let looked_at = chosen.iter().map(|at| (self.tried[*at].values.clone(), self.tried[*at].score));
+        let looked_at = chosen.iter().map(|at| (self.tried[*at].values.clone(), self.tried[*at].model.score));
         let (points, scores): (Vec<_>, Vec<f64>) = looked_at.unzip();
         let exact = self.exact((points, &scores), rigs, seen);
         self.exact.extend(exact);
@@ -398,10 +401,10 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
-    fn correct(&mut self) {
+    pub(super) fn correct(&mut self) {
         let observed = |exact: &Exact| {
             let tried = self.tried.iter().find(|tried| tried.values == exact.values)?;
-            Some(Observed { masters: tried.mounts.clone(), model: tried.score, exact: exact.score() })
+            Some(Observed { model: tried.model.clone(), exact: exact.score() })
         };
         let observed: Vec<Observed> = self.exact.iter().filter_map(observed).collect();
         self.correction = Correction::fit(&observed);

@@ -93,6 +93,11 @@ impl SceneWeights {
         }
     }
 
+    /// What the angles between the spin axes of a rig add to J.
+    pub(crate) fn angular(&self, rig: &Rig) -> f64 {
+        self.weights.angular_term(angle_deg(rig))
+    }
+
     /// J of a rig at one of several sites, as a search of that site alone scores it.
     pub(crate) fn objective_at(&self, site: usize, rig: &Rig, seen: &Seen) -> f64 {
         Self::new(self.rule, self.by_site[site]).terms(rig, seen, None).objective()
@@ -103,7 +108,7 @@ impl SceneWeights {
         Terms {
             coverage: scale * seen.union,
             overlap: weights.overlap_term(seen.overlap_ratio()),
-            angular: weights.angular_term(angle_deg(rig)),
+            angular: self.angular(rig),
             cost: -weights.sensor_cost * rig.sensors.len() as f64,
             registration: 0.0,
         }
