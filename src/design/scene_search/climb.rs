@@ -4,7 +4,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::search::{APART, SceneSearch};
+use super::search::SceneSearch;
 
 /// The first step and the least one, as shares of each variable's range, and what is left of it after a round without gain.
 const STEPS: [f64; 2] = [0.3, 0.04];
@@ -18,9 +18,10 @@ impl SceneSearch<'_> {
     pub(super) fn climb(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) {
         let (mut left, mut step) = (self.plan.climbing, STEPS[0]);
         while left > 0 && step > STEPS[1] && !stop.load(Ordering::Relaxed) {
-            let Some((values, before)) = self.highest() else { return };
+            let Some(best) = self.highest() else { return };
+            let (steps, before) = (self.steps_from(&best.values, step), best.score());
             let first = self.tried.len();
-            self.look(&self.steps_from(&values, step), 1);
+            self.look(&steps, 1);
             let is_allowed = |at: &usize| self.tried[*at].violation == 0.0;
             let polled = self.ranked().into_iter().filter(|at| *at >= first).filter(is_allowed);
             let polled: Vec<usize> = polled.take(POLLS.min(left)).collect();
@@ -30,17 +31,10 @@ impl SceneSearch<'_> {
                 self.judge_all(polled);
                 self.correct();
             }
-            if self.highest().is_none_or(|(_, after)| after <= before) {
+            if self.highest().is_none_or(|best| best.score() <= before) {
                 step *= SHRINK;
             }
         }
-    }
-
-    /// The best judged mount that keeps what is asked, and its score.
-    fn highest(&self) -> Option<(Vec<f64>, f64)> {
-        let allowed = self.exact.iter().filter(|exact| exact.violation == 0.0);
-        let best = allowed.max_by(|a, b| a.score().total_cmp(&b.score()))?;
-        Some((best.values.clone(), best.score()))
     }
 
     /// One variable a step lower or higher, without those near a mount that was judged.
@@ -52,9 +46,6 @@ impl SceneSearch<'_> {
             point[at / 2] = (point[at / 2] + signed).clamp(0.0, 1.0);
             self.space.values_at(&point)
         });
-        let is_judged = |values: &Vec<f64>| {
-            self.exact.iter().any(|exact| self.distance_of(&exact.values, values) < APART)
-        };
-        stepped.filter(|values| !is_judged(values)).collect()
+        stepped.filter(|values| self.is_new(values)).collect()
     }
 }

@@ -21,7 +21,7 @@ const PITCH_SIGNS: usize = 2;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
-pub(super) const APART: f64 = 0.03;
+const APART: f64 = 0.03;
 
 /// A rig that the model looked at.
 pub(super) struct Tried {
@@ -41,7 +41,7 @@ pub(crate) struct SceneSearch<'a> {
     pub plan: Plan,
     pub(super) space: Space,
     pub(super) tried: Vec<Tried>,
-    pub(super) exact: Vec<Exact>,
+    exact: Vec<Exact>,
     correction: Correction,
     /// Model evaluations done and the best exact J then.
     history: Vec<(usize, f64)>,
@@ -327,7 +327,7 @@ impl<'a> SceneSearch<'a> {
         self.distance_of(&self.tried[one].values, &self.tried[other].values)
     }
 
-    pub(super) fn distance_of(&self, one: &[f64], other: &[f64]) -> f64 {
+    fn distance_of(&self, one: &[f64], other: &[f64]) -> f64 {
         let (one, other) = (self.space.to_unit(one), self.space.to_unit(other));
         one.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
     }
@@ -375,12 +375,18 @@ impl<'a> SceneSearch<'a> {
 
     /// The best trials that were not judged and lie apart.
     fn best_left(&self, count: usize) -> Vec<usize> {
-        let is_new = |at: usize| {
-            let values = &self.tried[at].values;
-            !self.tried[at].is_rough
-                && self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
-        };
-        self.choose(count, APART, is_new)
+        self.choose(count, APART, |at| !self.tried[at].is_rough && self.is_new(&self.tried[at].values))
+    }
+
+    /// Whether nothing near was judged.
+    pub(super) fn is_new(&self, values: &[f64]) -> bool {
+        self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
+    }
+
+    /// The best judged rig that keeps what is asked.
+    pub(super) fn highest(&self) -> Option<&Exact> {
+        let allowed = self.exact.iter().filter(|exact| exact.violation == 0.0);
+        allowed.max_by(|a, b| a.score().total_cmp(&b.score()))
     }
 
     pub(super) fn judge_all(&mut self, chosen: Vec<usize>) {
@@ -395,8 +401,7 @@ impl<'a> SceneSearch<'a> {
         let (points, scores): (Vec<_>, Vec<f64>) = looked_at.unzip();
         let exact = self.exact((points, &scores), rigs, seen);
         self.exact.extend(exact);
-        let memo = self.exact.iter().filter(|exact| exact.violation == 0.0);
-        if let Some(best) = memo.map(Exact::score).reduce(f64::max) {
+        if let Some(best) = self.highest().map(Exact::score) {
             self.history.push((self.tried.len(), best));
         }
     }
