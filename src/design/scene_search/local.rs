@@ -81,7 +81,7 @@ impl SceneSearch<'_> {
     }
 
     /// A step of each variable, normally distributed.
-    fn stepped(&self, mut values: Vec<f64>, share: f64, rng: &mut Rng) -> Vec<f64> {
+    pub(super) fn stepped(&self, mut values: Vec<f64>, share: f64, rng: &mut Rng) -> Vec<f64> {
         for (value, variable) in values.iter_mut().zip(self.space.variables()) {
             *value += share * (variable.high - variable.low) * rng.normal();
         }

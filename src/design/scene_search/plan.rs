@@ -9,12 +9,16 @@ use crate::simulate::view::CastSites;
 /// Where an exact evaluation casts fewer rays than this, so many are early, correct the model in all, come amid the second search,
 /// judge finalists and climb from the best of these. In small rooms they are cheap or the model is good; of large ones it has more to
 /// learn, until time binds.
-const EXACT: [(u64, [usize; 5]); 4] = [
+const EXACT: [(u64, [usize; 5]); 6] = [
     (3_000_000, [0, 16, 6, 20, 0]),
-    (8_000_000, [8, 14, 0, 4, 10]),
-    (25_000_000, [8, 14, 6, 4, 12]),
-    (u64::MAX, [8, 12, 0, 2, 6]),
+    (8_000_000, [8, 14, 0, 4, 14]),
+    (16_000_000, [8, 14, 6, 4, 26]),
+    (25_000_000, [8, 14, 6, 4, 10]),
+    (32_000_000, [8, 12, 0, 2, 16]),
+    (u64::MAX, [8, 12, 0, 2, 5]),
 ];
+/// One in so many mounts more than asked for is looked at around those cast.
+const AROUND: usize = 8;
 /// Steps of sixteen that a local search aims at the top of a quadratic; second where exact evaluations are so cheap that many finalists
 /// decide, which had better differ.
 const AIMED: [usize; 2] = [4, 0];
@@ -34,7 +38,7 @@ const RAYS_OF_WHOLE: [u64; 2] = [60_000_000, 200_000_000];
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub(crate) struct Plan {
     pub seed: u64,
-    /// By the model: all of them.
+    /// By the model, before the climb.
     pub evaluations: usize,
     /// Of these, spread over the space.
     pub spread: usize,
@@ -48,8 +52,10 @@ pub(crate) struct Plan {
     pub amid: usize,
     /// Exact evaluations of finalists, in two rounds.
     pub finalists: usize,
-    /// Exact evaluations around the best finalist, a few at a time.
+    /// Exact evaluations around the best judged mounts.
     pub climbing: usize,
+    /// More looks by the model around these, at most.
+    pub around: usize,
     /// Mounts that the model looks at again by all voxels: after the spread, after the first local search, after each later one.
     pub again: [usize; 3],
     /// Steps of sixteen that a local search aims at the top of a quadratic through good mounts.
@@ -84,6 +90,7 @@ impl Plan {
             amid: amid.min(evaluations),
             finalists: finalists.min(evaluations),
             climbing: climbing.min(evaluations),
+            around: if climbing > 0 { evaluations / AROUND } else { 0 },
             again: AGAIN[usize::from(class == 0)],
             aimed: AIMED[usize::from(class == 0)],
             thinning,

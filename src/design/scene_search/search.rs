@@ -21,7 +21,7 @@ const PITCH_SIGNS: usize = 2;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
-const APART: f64 = 0.03;
+pub(super) const APART: f64 = 0.03;
 
 /// A rig that the model looked at.
 pub(super) struct Tried {
@@ -41,7 +41,7 @@ pub(crate) struct SceneSearch<'a> {
     pub plan: Plan,
     pub(super) space: Space,
     pub(super) tried: Vec<Tried>,
-    exact: Vec<Exact>,
+    pub(super) exact: Vec<Exact>,
     correction: Correction,
     /// Model evaluations done and the best exact J then.
     history: Vec<(usize, f64)>,
@@ -375,12 +375,12 @@ impl<'a> SceneSearch<'a> {
 
     /// The best trials that were not judged and lie apart.
     fn best_left(&self, count: usize) -> Vec<usize> {
-        self.choose(count, APART, |at| !self.tried[at].is_rough && self.is_new(&self.tried[at].values))
+        self.choose(count, APART, |at| !self.tried[at].is_rough && self.is_new(&self.tried[at].values, APART))
     }
 
-    /// Whether nothing near was judged.
-    pub(super) fn is_new(&self, values: &[f64]) -> bool {
-        self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
+    /// Whether nothing nearer was judged, in the unit cube.
+    pub(super) fn is_new(&self, values: &[f64], apart: f64) -> bool {
+        self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= apart)
     }
 
     /// The best judged rig that keeps what is asked.

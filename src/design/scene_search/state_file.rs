@@ -13,7 +13,7 @@ use crate::base::questions::first_difference;
 use crate::design::robustness::Criterion;
 use crate::simulate::view::{CastView, Quality, Seen, ViewSite};
 
-const FORMAT: &str = "outrigger-scene-search/8";
+const FORMAT: &str = "outrigger-scene-search/9";
 
 /// What a search has found so far, in its order: with these it goes on, or again, as it did.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
