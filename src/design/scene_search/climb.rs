@@ -55,7 +55,7 @@ impl SceneSearch<'_> {
         let mut rng = Rng::new(self.plan.seed, 3);
         let first = self.exact.len();
         let last = first + self.plan.climbing;
-        let Some(mut best) = self.highest().map(Start::at) else { return };
+        let Some(mut best) = self.best_since(0).map(Start::at) else { return };
         let images = self.mirrored(&best.values);
         self.poll(&images, self.plan.climbing / MIRRORED, best.score, progress, stop);
         let image = self.best_since(first).map(Start::at);
@@ -80,13 +80,11 @@ impl SceneSearch<'_> {
         progress: &dyn Fn(&Self, &str),
         stop: &AtomicBool,
     ) {
-        while self.exact.len() < last && self.looks_left() > 0 && !start.is_done() {
-            if stop.load(Ordering::Relaxed) {
-                return;
-            }
+        let is_stopped = || stop.load(Ordering::Relaxed);
+        while self.exact.len() < last && self.looks_left() > 0 && !start.is_done() && !is_stopped() {
             let steps = match start.is_joint {
                 true => self.joint_steps(start, rng),
-                false => self.steps_from(&start.values, start.step),
+                false => self.single_steps(start),
             };
             let judged = self.exact.len();
             self.poll(&steps, POLLS.min(last - judged), start.score, progress, stop);
@@ -136,12 +134,6 @@ impl SceneSearch<'_> {
         (self.plan.evaluations + self.plan.around).saturating_sub(self.tried.len())
     }
 
-    /// The best of those judged since there were so many.
-    fn best_since(&self, judged: usize) -> Option<&Exact> {
-        let allowed = self.exact[judged..].iter().filter(|exact| exact.violation == 0.0);
-        allowed.max_by(|a, b| a.score().total_cmp(&b.score()))
-    }
-
     /// One or two variables with the opposite sign.
     fn mirrored(&self, values: &[f64]) -> Vec<Vec<f64>> {
         let variables = self.space.variables().iter();
@@ -171,15 +163,15 @@ impl SceneSearch<'_> {
     }
 
     /// One variable a step lower or higher, without those near a mount that was judged.
-    fn steps_from(&self, values: &[f64], step: f64) -> Vec<Vec<f64>> {
-        let unit = self.space.to_unit(values);
+    fn single_steps(&self, start: &Start) -> Vec<Vec<f64>> {
+        let unit = self.space.to_unit(&start.values);
         let stepped = (0..2 * unit.len()).map(|at| {
             let mut point = unit.clone();
-            let signed = if at % 2 == 0 { -step } else { step };
+            let signed = if at % 2 == 0 { -start.step } else { start.step };
             point[at / 2] = (point[at / 2] + signed).clamp(0.0, 1.0);
             self.space.values_at(&point)
         });
-        stepped.filter(|values| self.is_new(values, nearest(step))).collect()
+        stepped.filter(|values| self.is_new(values, nearest(start.step))).collect()
     }
 }
 

@@ -383,9 +383,9 @@ impl<'a> SceneSearch<'a> {
         self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= apart)
     }
 
-    /// The best judged rig that keeps what is asked.
-    pub(super) fn highest(&self) -> Option<&Exact> {
-        let allowed = self.exact.iter().filter(|exact| exact.violation == 0.0);
+    /// The best rig that keeps what is asked, of those judged after the first `judged`.
+    pub(super) fn best_since(&self, judged: usize) -> Option<&Exact> {
+        let allowed = self.exact[judged..].iter().filter(|exact| exact.violation == 0.0);
         allowed.max_by(|a, b| a.score().total_cmp(&b.score()))
     }
 
@@ -401,7 +401,7 @@ impl<'a> SceneSearch<'a> {
         let (points, scores): (Vec<_>, Vec<f64>) = looked_at.unzip();
         let exact = self.exact((points, &scores), rigs, seen);
         self.exact.extend(exact);
-        if let Some(best) = self.highest().map(Exact::score) {
+        if let Some(best) = self.best_since(0).map(Exact::score) {
             self.history.push((self.tried.len(), best));
         }
     }
