@@ -15,7 +15,7 @@ use outrigger::design::optimize::{
     SearchError, Settings, Space, StoppedBy, Trial, Variable,
 };
 use outrigger::rig::Path;
-use outrigger::simulate::published::{Experiment, Preset, Simulator};
+use outrigger::simulate::published::{Experiment, Preset, PublishedBox};
 
 use crate::support::{Case, case, shared, with_shared};
 
@@ -420,7 +420,7 @@ fn a_proof_keeps_the_staged_method_from_counts_that_cannot_win() {
 /// The published search with the OS1-64.
 fn published(path: Path) -> MountProblem {
     let experiment = Experiment { path, ..Experiment::published(Preset::named("paper-os1-64").unwrap()) };
-    let objective = Objective::new(Simulator::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
+    let objective = Objective::new(PublishedBox::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
     MountProblem::new(objective, 5, KeepApart::None)
 }
 

@@ -1,9 +1,10 @@
 //! The published simulator to the bit, and the general one against stored references.
 
 use outrigger::base::instructions::Instructions;
-use outrigger::design::objective::{self, Weights};
+use outrigger::design::objective::{Evaluation, Objective, Weights};
 use outrigger::rig::{MountDeg, Path, Roll};
-use outrigger::simulate::published::{Experiment, Preset, Seen, Simulator};
+use outrigger::simulate::published::{Covered, Experiment, Preset, PublishedBox};
+use outrigger::simulate::view::{Seen, View};
 use serde::Deserialize;
 use sha2::Digest as _;
 
@@ -82,7 +83,7 @@ impl Reference {
         self.experiment().sensors(&masters)
     }
 
-    fn counts_sha256(seen: &Seen) -> String {
+    fn counts_sha256(seen: &Covered) -> String {
         let cells = seen.coverage.grid().len();
         let count = |index: usize| {
             (0..seen.coverage.sensors())
@@ -94,15 +95,15 @@ impl Reference {
     }
 
     /// What differs; empty when nothing does. Everything is compared to the bit except the angle and what follows from
-    /// it: its arc cosine comes from another mathematics library, one unit in the last place apart in four cases.
-    fn differences(&self, simulator: &Simulator, seen: &Seen) -> Vec<String> {
+    /// it: its arc cosine comes from another mathematics library, one unit in the last place apart in four cases. Score
+    /// and angle are those of a rig, in radians.
+    fn differences(&self, simulator: &PublishedBox, seen: &Covered) -> Vec<String> {
         let counts = seen.coverage.counts();
         let sensors = self.sensors();
-        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
-        let angle_deg = objective::min_angle_deg(&axes);
-        let weights = Weights::default();
-        let price = weights.sensor_cost * sensors.len() as f64;
-        let terms = objective::score(&weights, &counts, angle_deg, price);
+        let objective = Objective::new(simulator.clone(), Weights::default(), 0.0).unwrap();
+        let rig = objective.mounted(&sensors);
+        let Evaluation { terms, min_angle_deg: angle_deg, rays, .. } = objective.evaluate_rig(&rig).unwrap();
+        let viewed = View::see(simulator, &[rig]).swap_remove(0);
         let mut wrong = Vec::new();
         let mut check = |what: &str, same: bool| {
             if !same {
@@ -110,6 +111,7 @@ impl Reference {
             }
         };
         check("N", sensors.len() == self.N);
+        check(&format!("{viewed:?}"), viewed == Seen::exact(&counts, rays));
         check("reachable", simulator.reachable() == self.boundary_voxels);
         check(&format!("U {} for {}", counts.union, self.U), counts.union == self.U);
         check("ge2", counts.overlap == self.ge2);
@@ -140,7 +142,7 @@ impl Reference {
 fn the_definition_matches_the_released_program() {
     let mut wrong = Vec::new();
     for case in Reference::all() {
-        let simulator = Simulator::new(&case.experiment()).unwrap();
+        let simulator = PublishedBox::new(&case.experiment()).unwrap();
         let seen = simulator.coverage_by_definition(&case.sensors()).unwrap();
         wrong.extend(case.differences(&simulator, &seen));
     }
@@ -153,15 +155,15 @@ fn the_fast_way_matches_the_released_program() {
     let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
     let mut wrong = Vec::new();
     for case in Reference::all() {
-        let simulator = Simulator::new(&case.experiment()).unwrap();
+        let simulator = PublishedBox::new(&case.experiment()).unwrap();
         let sensors = case.sensors();
-        let seen = simulator.see(&sensors).unwrap();
+        let seen = simulator.cover(&sensors).unwrap();
         wrong.extend(case.differences(&simulator, &seen));
         let walks = simulator.walks(&sensors);
         for instructions in Instructions::available() {
             for (pool, threads) in pools.iter().zip(1..) {
                 let same = pool.install(|| {
-                    let again = simulator.see_with(&sensors, instructions).unwrap();
+                    let again = simulator.cover_with(&sensors, instructions).unwrap();
                     let counts = simulator.count_with(&sensors, instructions).unwrap();
                     again == seen && counts == seen.coverage.counts()
                 });
@@ -169,7 +171,7 @@ fn the_fast_way_matches_the_released_program() {
                     wrong.push(format!("{}: {instructions:?}, {threads} threads", case.id));
                 }
             }
-            if simulator.see_along_with(&walks, instructions).unwrap() != seen {
+            if simulator.cover_along_with(&walks, instructions).unwrap() != seen {
                 wrong.push(format!("{}: {instructions:?}, pose by pose", case.id));
             }
         }

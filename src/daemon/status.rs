@@ -9,10 +9,10 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
-use crate::design::reconfigure::PredictedCoverage;
 use crate::drive::RigStatus;
 use crate::live::clocks::ClockReport;
 use crate::recording::Manifest;
+use crate::simulate::view::MapCells;
 
 mod ages;
 mod health;
@@ -101,9 +101,9 @@ pub struct Proposal {
     /// Where they should go, degrees.
     pub pitches_deg: Vec<f64>,
     /// What the present pitches see of the map.
-    pub now: PredictedCoverage,
+    pub now: MapCells,
     /// What the proposed ones see.
-    pub proposed: PredictedCoverage,
+    pub proposed: MapCells,
     /// Whether they see enough more to be worth the move.
     pub is_better: bool,
     /// Poses of the trajectory that were looked from.

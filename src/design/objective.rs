@@ -36,7 +36,8 @@ use sensors::catalogue;
 
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
 use crate::rig::{Clearance, MountDeg, MountedSensor, Rig};
-use crate::simulate::published::Simulator;
+use crate::simulate::published::PublishedBox;
+use crate::simulate::view::{Seen, View as _};
 use crate::world::coverage::Counts;
 
 /// Coefficients of J.
@@ -160,16 +161,16 @@ impl Terms {
 
 /// The terms of J from what was seen, the least angle between spin axes (none for a single sensor) and the price of the
 /// sensors.
-pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, price: f64) -> Terms {
-    let overlap = weights.overlap_term(counts.overlap_ratio());
+pub(crate) fn score(weights: &Weights, seen: &Seen, min_angle_deg: Option<f64>, price: f64) -> Terms {
+    let overlap = weights.overlap_term(seen.overlap_ratio());
     let angular = weights.angular_term(min_angle_deg);
-    Terms { coverage: counts.union as f64, overlap, angular, cost: -price, registration: 0.0 }
+    Terms { coverage: seen.union, overlap, angular, cost: -price, registration: 0.0 }
 }
 
 /// A published experiment with its score and the rule of clearance: what optimizers maximise.
 #[derive(Clone, Debug)]
 pub struct Objective {
-    simulator: Simulator,
+    simulator: PublishedBox,
     weights: Weights,
     /// A sensor of each type.
     housings: Vec<MountedSensor>,
@@ -264,7 +265,7 @@ impl Objective {
     /// Scores with these weights. Sensors must be apart by the sum of their housing radii, and by `least_distance_m`
     /// (the published d_min; 0 asks for the housings only).
     pub fn new(
-        simulator: Simulator,
+        simulator: PublishedBox,
         weights: Weights,
         least_distance_m: f64,
     ) -> Result<Self, catalogue::ModelError> {
@@ -294,16 +295,17 @@ impl Objective {
         &self.prices
     }
 
-    /// Price of these physical sensors together.
-    fn price(&self, sensors: &[MountDeg]) -> f64 {
-        let of = |(index, price): (usize, &f64)| {
-            price * sensors.iter().filter(|sensor| sensor.sensor_type == index).count() as f64
+    /// Price of the sensors of a rig together.
+    fn price(&self, rig: &Rig) -> f64 {
+        let of = |(housing, price): (&MountedSensor, &f64)| {
+            let is_of_type = |sensor: &&MountedSensor| sensor.model.name == housing.model.name;
+            price * rig.sensors.iter().filter(is_of_type).count() as f64
         };
-        self.prices.iter().enumerate().map(of).sum()
+        self.housings.iter().zip(&self.prices).map(of).sum()
     }
 
     /// The simulator.
-    pub fn simulator(&self) -> &Simulator {
+    pub fn simulator(&self) -> &PublishedBox {
         &self.simulator
     }
 
@@ -312,35 +314,35 @@ impl Objective {
         &self.weights
     }
 
-    /// The terms of J from counted coverage, without the rest of an evaluation.
-    pub(crate) fn terms(
-        &self,
-        sensors: &[MountDeg],
-        counts: &Counts,
-        quality: Option<&RegistrationQuality>,
-    ) -> Terms {
-        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
-        let mut terms = score(&self.weights, counts, min_angle_deg(&axes), self.price(sensors));
+    /// The terms of J from what was seen, without the rest of an evaluation.
+    pub(crate) fn terms(&self, rig: &Rig, seen: &Seen, quality: Option<&RegistrationQuality>) -> Terms {
+        let mut terms = score(&self.weights, seen, angle_deg(rig), self.price(rig));
         terms.registration = quality.map_or(0.0, |quality| self.weights.registration_term(quality));
         terms
     }
 
-    /// J of physical sensors as they are, without the rest of an evaluation.
-    pub(crate) fn score_sensors(&self, sensors: &[MountDeg]) -> Result<f64, ExperimentError> {
-        let counts = self.simulator.count(sensors)?;
-        Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
+    /// The terms of J of a rig, and its registration strength where that counts.
+    ///
+    /// # Errors
+    /// The experiment cannot hold the rig.
+    pub(crate) fn measure(&self, rig: &Rig) -> Result<(Terms, Option<RegistrationQuality>), ExperimentError> {
+        self.simulator.check(&self.simulator.sensors(rig))?;
+        let seen = self.simulator.see(std::slice::from_ref(rig)).swap_remove(0);
+        let quality = self.registration(rig);
+        Ok((self.terms(rig, &seen, quality.as_ref()), quality))
+    }
+
+    /// J of a rig.
+    ///
+    /// # Errors
+    /// The experiment cannot hold the rig.
+    pub(crate) fn score(&self, rig: &Rig) -> Result<f64, ExperimentError> {
+        Ok(self.measure(rig)?.0.objective())
     }
 
     /// Registration strength of the hits, with a weight or constraint: it costs as much as a coverage.
-    pub(crate) fn registration(&self, sensors: &[MountDeg]) -> Option<RegistrationQuality> {
-        self.weights.ask_for_registration().then(|| RegistrationQuality::of_scans(&self.scans(sensors)))?
-    }
-
-    /// Least distance between the origins of two sensors: both housings, or the least distance asked for where that is
-    /// more, m.
-    pub fn needed_distance_m(&self, first: &MountDeg, second: &MountDeg) -> f64 {
-        let radius_m = |sensor: &MountDeg| self.housing(sensor).model.housing_radius_m;
-        (radius_m(first) + radius_m(second)).max(self.least_distance_m)
+    pub(crate) fn registration(&self, rig: &Rig) -> Option<RegistrationQuality> {
+        self.weights.ask_for_registration().then(|| RegistrationQuality::of_scans(&self.scans(rig)))?
     }
 
     /// The minimum distance that was requested besides the housings, m.
@@ -348,40 +350,39 @@ impl Objective {
         self.least_distance_m
     }
 
-    /// A sensor of a mount's type; of the first where there is no such type.
-    fn housing(&self, sensor: &MountDeg) -> &MountedSensor {
-        self.housings.get(sensor.sensor_type).unwrap_or(&self.housings[0])
-    }
-
     /// Scores masters: roll rule and mirror images as the experiment says.
     pub fn evaluate(&self, masters: &[MountDeg]) -> Result<Evaluation, ExperimentError> {
-        self.evaluate_sensors(&self.sensors(masters))
+        let sensors = self.sensors(masters);
+        self.simulator.check(&sensors)?;
+        self.evaluate_rig(&self.mounted(&sensors))
     }
 
-    /// Scores physical sensors as they are.
-    pub fn evaluate_sensors(&self, sensors: &[MountDeg]) -> Result<Evaluation, ExperimentError> {
-        Ok(self.score_counts(sensors, &self.simulator.count(sensors)?))
+    /// Scores a rig as it is.
+    pub fn evaluate_rig(&self, rig: &Rig) -> Result<Evaluation, ExperimentError> {
+        Ok(self.score_counts(rig, &self.simulator.count(&self.simulator.sensors(rig))?))
     }
 
-    /// Scores sensors from counted coverage.
-    pub(crate) fn score_counts(&self, sensors: &[MountDeg], counts: &Counts) -> Evaluation {
-        let axes: Vec<_> = sensors.iter().map(MountDeg::spin_axis).collect();
-        let min_angle_deg = min_angle_deg(&axes);
-        let registration = self.registration(sensors);
-        let terms = self.terms(sensors, counts, registration.as_ref());
-        let mut violations: Vec<_> = self.too_close(sensors).into_iter().map(Violation::Clearance).collect();
+    /// Scores a rig from counted coverage.
+    pub(crate) fn score_counts(&self, rig: &Rig, counts: &Counts) -> Evaluation {
+        let rays = self.simulator.rays(rig);
+        let registration = self.registration(rig);
+        let terms = self.terms(rig, &Seen::exact(counts, rays), registration.as_ref());
+        let too_close =
+            rig.clearances(self.least_distance_m).into_iter().filter(|pair| !pair.is_sufficient());
+        let mut violations: Vec<_> = too_close.map(Violation::Clearance).collect();
         if self.weights.conditioning_shortfall(registration.as_ref()) > 0.0 {
             violations.push(Violation::Conditioning {
                 conditioning: registration.as_ref().map_or(0.0, |quality| quality.translation_p5),
                 needed_conditioning: self.weights.least_conditioning,
             });
         }
+        let sensors = self.simulator.sensors(rig);
         Evaluation {
             objective: terms.objective(),
             unique_voxels: counts.union,
             reachable_voxels: self.simulator.reachable(),
             overlap_ratio: counts.overlap_ratio(),
-            min_angle_deg,
+            min_angle_deg: angle_deg(rig),
             sensors: sensors.len(),
             models: sensors.iter().map(|sensor| self.simulator.experiment().model_of(sensor)).collect(),
             per_sensor_voxels: counts.per_sensor.clone(),
@@ -390,32 +391,35 @@ impl Objective {
             feasible: violations.is_empty(),
             violations,
             registration,
-            rays: self.simulator.experiment().rays(sensors),
+            rays,
         }
     }
 
-    /// The pairs of sensors that are too close to each other.
-    fn too_close(&self, sensors: &[MountDeg]) -> Vec<Clearance> {
-        self.rig(sensors)
-            .clearances(self.least_distance_m)
-            .into_iter()
-            .filter(|pair| !pair.is_sufficient())
-            .collect()
+    /// The rig of these masters: roll rule and mirror images as the experiment says.
+    pub fn rig(&self, masters: &[MountDeg]) -> Rig {
+        self.mounted(&self.sensors(masters))
     }
 
-    /// The sensors with their housings, named by their numbers.
-    pub(crate) fn rig(&self, sensors: &[MountDeg]) -> Rig {
+    /// Physical sensors with their housings, named by their numbers; that of the first type where there is no such type.
+    pub fn mounted(&self, sensors: &[MountDeg]) -> Rig {
         let mounted = |(index, sensor): (usize, &MountDeg)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),
-            ..self.housing(sensor).clone()
+            ..self.housings.get(sensor.sensor_type).unwrap_or(&self.housings[0]).clone()
         };
         Rig { sensors: sensors.iter().enumerate().map(mounted).collect() }
     }
 }
 
+/// Least angle between the spin axes of a rig, degrees; none for a single sensor.
+pub(crate) fn angle_deg(rig: &Rig) -> Option<f64> {
+    let axes: Vec<[f64; 3]> =
+        rig.sensors.iter().map(|sensor| MountedSensor::spin_axis(sensor).to_array()).collect();
+    min_angle_deg(&axes)
+}
+
 /// Least angle between any two axes, degrees; none for fewer than two.
-pub fn min_angle_deg(axes: &[[f64; 3]]) -> Option<f64> {
+fn min_angle_deg(axes: &[[f64; 3]]) -> Option<f64> {
     // an arc cosine near 1 turns the last bit of a length into 1e-8 degrees
     let unit = |axis: &[f64; 3]| {
         let norm = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();

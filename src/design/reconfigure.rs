@@ -1,39 +1,20 @@
-//! Better pitches for the place seen so far: a search over the angles of the axes alone, by what the sensors would see
-//! of a map made from their own recording.
-//!
-//! A cell counts once, however often it is seen, from any pose so far: cells of known surface that a ray
-//! meets, and unseen cells next to known surface where a ray meets none, for surface goes on where it was
-//! not seen to end (Border, Gammell, Newman 2018, "Surface Edge Explorer", doi:10.1109/ICRA.2018.8461098).
+//! Better pitches for the place seen so far: a search over the angles of the axes alone, by what a view of the map says.
 
-use std::collections::HashSet;
 use std::convert::Infallible;
-use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 
-use glam::DVec3;
-use sensors::SensorModel;
-
-use crate::base::geometry::Pose;
 use crate::design::optimize::{Kind, Measured, Search, SearchError, Settings, Space, SpaceError, Variable};
-use crate::rig::{Mount, Rig};
-use crate::world::scene::{Sight, VoxelMap};
+use crate::rig::Rig;
+use crate::simulate::view::{Seen, View};
 
-/// Columns of a revolution that are looked along.
-const COLUMNS: usize = 180;
-/// Beams of a sensor that are looked along, at most; evenly chosen.
-const BEAMS: usize = 32;
-/// Most poses of the trajectory to look from; evenly chosen.
-const POSES: usize = 12;
 /// Pitches are proposed in steps of this, degrees: finer than any servo's play, coarse enough to be read out.
 const STEP_DEG: f64 = 0.1;
 
-/// What is known: the map, the trajectory, the rig.
+/// What is known: the place and the rig.
 #[derive(Clone)]
-pub struct Question<'a> {
-    /// Made of what was recorded.
-    pub map: &'a VoxelMap,
-    /// World from body, along the trajectory so far.
-    pub poses: &'a [Pose],
+pub(crate) struct Question<'a> {
+    /// Of what was recorded.
+    pub view: &'a dyn View,
     /// Sensors in the order of the axes, at their present pitches.
     pub rig: &'a Rig,
     /// Minimum and maximum pitch of each axis, rad.
@@ -42,33 +23,15 @@ pub struct Question<'a> {
     pub is_excluded: &'a (dyn Fn(&[f64]) -> bool + Sync),
 }
 
-/// What a set of pitches sees of a map.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct PredictedCoverage {
-    /// Cells of known surface.
-    pub surface: u64,
-    /// Unseen cells next to known surface.
-    pub frontier: u64,
-}
-
-impl PredictedCoverage {
-    /// What is counted.
-    pub(crate) fn score(&self) -> u64 {
-        self.surface + self.frontier
-    }
-}
-
 /// An answer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
-    /// The best pitches found, rad; the present ones where none are better.
-    pub pitches_rad: Vec<f64>,
-    /// What they see.
-    pub best: PredictedCoverage,
-    /// What the present ones see.
-    pub now: PredictedCoverage,
-    /// Sets of pitches that were looked at.
-    pub evaluations: usize,
+pub(crate) struct Answer {
+    /// At the best pitches found; the present ones where none are better.
+    pub rig: Rig,
+    /// What it sees.
+    pub best: Seen,
+    /// What it sees at the present pitches.
+    pub now: Seen,
 }
 
 /// Why there is no answer.
@@ -93,40 +56,28 @@ pub enum ReconfigureError {
     Search(#[from] SearchError),
 }
 
-/// What a rig at these pitches, rad, sees of the map along the trajectory.
-pub(crate) fn predicted_coverage(question: &Question<'_>, pitches_rad: &[f64]) -> PredictedCoverage {
-    let mut seen: [HashSet<[i32; 3]>; 2] = Default::default();
-    let poses = evenly(question.poses, POSES);
-    for (sensor, pitch_rad) in question.rig.sensors.iter().zip(pitches_rad) {
-        let body_from_sensor = Mount { pitch_rad: *pitch_rad, ..sensor.mount }.body_from_sensor();
-        let sights_m = sights_m(&sensor.model);
-        for world_from_body in &poses {
-            let world_from_sensor = **world_from_body * body_from_sensor;
-            for ends_m in &sights_m {
-                let [origin_m, end_m] = ends_m.map(|at_m| world_from_sensor.transform_point(at_m));
-                let ray_m = end_m - origin_m;
-                let length_m = ray_m.length();
-                match question.map.look(origin_m, ray_m / length_m, length_m) {
-                    Some(Sight::Surface(cell)) => seen[0].insert(cell),
-                    Some(Sight::Frontier(cell)) => seen[1].insert(cell),
-                    None => false,
-                };
-            }
+impl Question<'_> {
+    /// The rig at these pitches, rad.
+    fn rig_at(&self, pitches_rad: &[f64]) -> Rig {
+        let mut rig = self.rig.clone();
+        for (sensor, pitch_rad) in rig.sensors.iter_mut().zip(pitches_rad) {
+            sensor.mount.pitch_rad = *pitch_rad;
         }
+        rig
     }
-    PredictedCoverage { surface: seen[0].len() as u64, frontier: seen[1].len() as u64 }
-}
 
-/// Both ends of what a sensor looks along, in its own frame, m.
-fn sights_m(model: &SensorModel) -> Vec<[DVec3; 2]> {
-    let channels: Vec<usize> = (0..model.channels()).collect();
-    let sights = evenly(&channels, BEAMS).into_iter().flat_map(|channel| {
-        (0..COLUMNS).map(|column| {
-            let azimuth_rad = TAU * column as f64 / COLUMNS as f64;
-            [model.min_range_m, model.max_range_m].map(|range_m| model.point(*channel, azimuth_rad, range_m))
-        })
-    });
-    sights.collect()
+    /// What the rig sees at these pitches, rad.
+    fn look(&self, pitches_rad: &[f64]) -> (Rig, Seen) {
+        let rig = self.rig_at(pitches_rad);
+        let seen = self.view.see(std::slice::from_ref(&rig)).swap_remove(0);
+        (rig, seen)
+    }
+
+    /// How far from allowed, 0 where housings and rig agree.
+    fn violation(&self, rig: &Rig) -> f64 {
+        let pitches_rad: Vec<f64> = rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad).collect();
+        rig.housing_shortfall_m() + f64::from(u8::from((self.is_excluded)(&pitches_rad)))
+    }
 }
 
 /// The best pitches that so many evaluations find. The same question and seed give the same answer.
@@ -142,7 +93,7 @@ pub(crate) fn propose(
     if sensors == 0 || sensors != limits {
         return Err(ReconfigureError::Axes { sensors, limits });
     }
-    if question.poses.is_empty() || question.map.counts()[1] == 0 {
+    if question.view.observable() == 0 {
         return Err(ReconfigureError::NothingSeen);
     }
     let variable = |(axis, [low_rad, high_rad]): (usize, &[f64; 2])| Variable {
@@ -156,31 +107,17 @@ pub(crate) fn propose(
     let space = Space::new(question.limits_rad.iter().enumerate().map(variable).collect())?;
     let mut search = Search::new(space, Kind::Staged, Settings::new(seed, evaluations));
     let measure = |pitches_deg: &[f64]| {
-        let pitches_rad = stepped_rad(pitches_deg, question.limits_rad);
-        let violation = violation(question, &pitches_rad);
-        let score = predicted_coverage(question, &pitches_rad).score() as f64;
-        let poses = question.poses.len().min(POSES);
-        let rays = (poses * COLUMNS * BEAMS * sensors) as u64;
-        Ok::<_, Infallible>(Measured { score, violation, rays })
+        let (rig, seen) = question.look(&stepped_rad(pitches_deg, question.limits_rad));
+        let violation = question.violation(&rig);
+        Ok::<_, Infallible>(Measured { score: seen.union, violation, rays: seen.rays })
     };
     search.run(evaluations, measure, |_| (), &AtomicBool::new(false))?;
-    let present_rad: Vec<f64> = question.rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad).collect();
-    let now = predicted_coverage(question, &present_rad);
+    let now = question.view.see(std::slice::from_ref(question.rig)).swap_remove(0);
     let found = search.best().map(|trial| stepped_rad(&trial.candidate.values, question.limits_rad));
-    let found = found.filter(|pitches_rad| violation(question, pitches_rad) == 0.0);
-    let found = found.map(|pitches_rad| (predicted_coverage(question, &pitches_rad), pitches_rad));
-    let better = found.filter(|(best, _)| best.score() > now.score());
-    let (best, pitches_rad) = better.unwrap_or((now, present_rad));
-    Ok(Answer { pitches_rad, best, now, evaluations: search.evaluations() })
-}
-
-/// How far from allowed, 0 where housings and rig agree.
-fn violation(question: &Question<'_>, pitches_rad: &[f64]) -> f64 {
-    let mut rig = question.rig.clone();
-    for (sensor, pitch_rad) in rig.sensors.iter_mut().zip(pitches_rad) {
-        sensor.mount.pitch_rad = *pitch_rad;
-    }
-    rig.housing_shortfall_m() + f64::from(u8::from((question.is_excluded)(pitches_rad)))
+    let found = found.map(|pitches_rad| question.look(&pitches_rad));
+    let better = found.filter(|(rig, best)| question.violation(rig) == 0.0 && best.union > now.union);
+    let (rig, best) = better.unwrap_or_else(|| (question.rig.clone(), now.clone()));
+    Ok(Answer { rig, best, now })
 }
 
 /// Rounded, and within limits all the same.
@@ -192,16 +129,17 @@ fn stepped_rad(pitches_deg: &[f64], limits_rad: &[[f64; 2]]) -> Vec<f64> {
     stepped.collect()
 }
 
-fn evenly<T>(of: &[T], most: usize) -> Vec<&T> {
-    let count = of.len().min(most);
-    (0..count).map(|at| &of[at * of.len() / count]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::MountedSensor;
-    use crate::world::scene::BoxScene;
+    use std::f64::consts::TAU;
+
+    use glam::DVec3;
+
+    use crate::base::geometry::Pose;
+    use crate::rig::{Mount, MountedSensor};
+    use crate::simulate::view::MapView;
+    use crate::world::scene::{BoxScene, VoxelMap};
 
     /// A hall of which a sensor that hangs aslant has seen one half only, mapped by its own rays.
     fn half_seen(pitch_rad: f64) -> (VoxelMap, Rig) {
@@ -232,22 +170,23 @@ mod tests {
         let limits_rad = [[-0.7, 0.7]];
         let poses = [Pose::IDENTITY];
         let free = |_: &[f64]| false;
-        let mut question =
-            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
+        let view = MapView::new(&map, &poses);
+        let mut question = Question { view: &view, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         let answer = propose(&question, 1, 60).unwrap();
         assert_eq!(answer, propose(&question, 1, 60).unwrap(), "the same again");
-        assert_eq!(answer.now, predicted_coverage(&question, &[0.6]));
-        assert_eq!(answer.best, predicted_coverage(&question, &answer.pitches_rad));
-        let grid = (-70..=70).map(|at| predicted_coverage(&question, &[f64::from(at) * 0.01]).score());
-        let most = grid.max().unwrap();
-        assert!(answer.best.score() as f64 >= 0.98 * most as f64, "{answer:?}, a grid has {most}");
-        assert!(answer.best.score() >= answer.now.score());
+        let pitch_rad = |answer: &Answer| answer.rig.sensors[0].mount.pitch_rad;
+        assert_eq!(answer.now, question.look(&[0.6]).1);
+        assert_eq!(answer.best, question.look(&[pitch_rad(&answer)]).1);
+        let grid = (-70..=70).map(|at| question.look(&[f64::from(at) * 0.01]).1.union);
+        let most = grid.fold(0.0, f64::max);
+        assert!(answer.best.union >= 0.98 * most, "{answer:?}, a grid has {most}");
+        assert!(answer.best.union >= answer.now.union && most <= view.observable() as f64);
 
-        let keep_out = |pitches_rad: &[f64]| (pitches_rad[0] - answer.pitches_rad[0]).abs() < 0.1;
+        let keep_out = |pitches_rad: &[f64]| (pitches_rad[0] - pitch_rad(&answer)).abs() < 0.1;
         question.is_excluded = &keep_out;
         let elsewhere = propose(&question, 1, 60).unwrap();
-        let at_rest = elsewhere.pitches_rad == [0.6];
-        assert!(at_rest || !keep_out(&elsewhere.pitches_rad), "{elsewhere:?}");
+        let at_rest = pitch_rad(&elsewhere) == 0.6;
+        assert!(at_rest || !keep_out(&[pitch_rad(&elsewhere)]), "{elsewhere:?}");
     }
 
     #[test]
@@ -256,11 +195,17 @@ mod tests {
         rig.sensors.push(MountedSensor { name: "b".into(), ..rig.sensors[0].clone() });
         rig.sensors[1].mount.x_m = 0.4;
         let (free, poses, limits_rad) = (|_: &[f64]| false, [Pose::IDENTITY], [[-0.7, 0.7]; 2]);
-        let question =
-            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
+        let view = MapView::new(&map, &poses);
+        let question = Question { view: &view, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         let answer = propose(&question, 1, 60).unwrap();
-        assert!(answer.best.score() as f64 > 1.05 * answer.now.score() as f64, "{answer:?}");
-        assert!((answer.pitches_rad[0] - answer.pitches_rad[1]).abs() > 0.02, "{answer:?}");
+        assert!(answer.best.union > 1.05 * answer.now.union, "{answer:?}");
+        let [first, second] = [0, 1].map(|sensor| answer.rig.sensors[sensor].mount.pitch_rad);
+        assert!((first - second).abs() > 0.02, "{answer:?}");
+        // at one pitch most of what either sees, both see
+        assert!(answer.now.overlap > 0.5 * answer.now.union, "{:?}", answer.now);
+        assert!(answer.best.overlap < answer.now.overlap, "{answer:?}");
+        let cells = view.cells(&answer.rig);
+        assert_eq!((cells.surface + cells.frontier) as f64, answer.best.union);
     }
 
     #[test]
@@ -269,8 +214,8 @@ mod tests {
         let empty = VoxelMap::new(0.25, 1, 100.0).unwrap();
         let free = |_: &[f64]| false;
         let (poses, limits_rad) = ([Pose::IDENTITY], [[-0.5, 0.5]]);
-        let mut question =
-            Question { map: &empty, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
+        let view = MapView::new(&empty, &poses);
+        let mut question = Question { view: &view, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         assert!(matches!(propose(&question, 1, 5), Err(ReconfigureError::NothingSeen)));
         question.limits_rad = &[];
         assert!(matches!(propose(&question, 1, 5), Err(ReconfigureError::Axes { sensors: 1, limits: 0 })));

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::rng::Rng;
 use crate::base::statistics::index_of_max;
 use crate::design::objective::{ExperimentError, Objective};
-use crate::rig::{MountDeg, Phase, Rig};
+use crate::rig::{Phase, Rig};
 
 /// Of the draws that a search reckons with: the same in every search, so that scores compare.
 pub(crate) const SEARCH_SEED: u64 = 1;
@@ -172,49 +172,33 @@ impl Robustness {
         self.draws
     }
 
-    /// The sensors as they might be built, one draw.
-    fn built(&self, sensors: &[MountDeg], draw: usize) -> Vec<MountDeg> {
-        let built = |(index, sensor): (usize, &MountDeg)| {
-            let [x_m, y_m, z_m, pitch_deg, roll_deg] = self.tolerance.errors(self.seed, draw, index);
-            MountDeg {
-                x_m: sensor.x_m + x_m,
-                y_m: sensor.y_m + y_m,
-                z_m: sensor.z_m + z_m,
-                pitch_deg: sensor.pitch_deg + pitch_deg,
-                roll_deg: sensor.roll_deg + roll_deg,
-                sensor_type: sensor.sensor_type,
-            }
-        };
-        sensors.iter().enumerate().map(built).collect()
-    }
-
-    /// J of each draw for these physical sensors.
+    /// J of each draw for this rig.
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn scores(&self, sensors: &[MountDeg]) -> Result<Vec<f64>, ExperimentError> {
-        self.some_scores(sensors, 1)
+    pub(crate) fn scores(&self, rig: &Rig) -> Result<Vec<f64>, ExperimentError> {
+        self.some_scores(rig, 1)
     }
 
     /// J of every `step`-th draw.
-    fn some_scores(&self, sensors: &[MountDeg], step: usize) -> Result<Vec<f64>, ExperimentError> {
+    fn some_scores(&self, rig: &Rig, step: usize) -> Result<Vec<f64>, ExperimentError> {
         (0..self.draws)
             .step_by(step)
             .map(|draw| {
                 let objective = &self.objectives[draw % self.objectives.len()];
-                objective.score_sensors(&self.built(sensors, draw))
+                objective.score(&self.tolerance.built(rig, self.seed, draw))
             })
             .collect()
     }
 
-    /// Which of these sets of sensors counts most: all by a few of the draws, the better ones and the first by all.
+    /// Which of these rigs counts most: all by a few of the draws, the better ones and the first by all.
     /// None without candidates, and where `stop` came before the end.
     ///
     /// # Errors
     /// Those of the objective.
     pub(crate) fn choose(
         &self,
-        candidates: &[Vec<MountDeg>],
+        candidates: &[Rig],
         criterion: Criterion,
         stop: &AtomicBool,
     ) -> Result<Option<Choice>, ExperimentError> {
@@ -226,8 +210,8 @@ impl Robustness {
         };
         let first_looks: Option<Vec<f64>> = candidates
             .par_iter()
-            .map(|sensors| {
-                let spread = unless_stopped(&|| Ok(Spread::of(&self.some_scores(sensors, FEW)?)))?;
+            .map(|rig| {
+                let spread = unless_stopped(&|| Ok(Spread::of(&self.some_scores(rig, FEW)?)))?;
                 Ok(spread.map(|spread| spread.counts(criterion)))
             })
             .collect::<Result<_, ExperimentError>>()?;
@@ -244,8 +228,9 @@ impl Robustness {
         let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
         let best = index_of_max(&counts);
         let few = self.draws.div_ceil(FEW);
-        let first_rays: u64 = candidates.iter().map(|sensors| self.objectives[0].rays(sensors)).sum();
-        let rays: u64 = finalists.iter().map(|&at| self.objectives[0].rays(&candidates[at])).sum();
+        let view = self.objectives[0].simulator();
+        let first_rays: u64 = candidates.iter().map(|rig| view.rays(rig)).sum();
+        let rays: u64 = finalists.iter().map(|&at| view.rays(&candidates[at])).sum();
         Ok(Some(Choice {
             best: finalists[best],
             evaluations: candidates.len() * few + finalists.len() * self.draws,
@@ -259,16 +244,16 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn judge(&self, sensors: &[MountDeg], criterion: Criterion) -> Result<f64, ExperimentError> {
-        Ok(self.spread(sensors)?.counts(criterion))
+    pub(crate) fn judge(&self, rig: &Rig, criterion: Criterion) -> Result<f64, ExperimentError> {
+        Ok(self.spread(rig)?.counts(criterion))
     }
 
     /// Mean, deviation and least of the draws.
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn spread(&self, sensors: &[MountDeg]) -> Result<Spread, ExperimentError> {
-        Ok(Spread::of(&self.scores(sensors)?))
+    pub(crate) fn spread(&self, rig: &Rig) -> Result<Spread, ExperimentError> {
+        Ok(Spread::of(&self.scores(rig)?))
     }
 }
 

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::chart::number;
-use crate::design::objective::Terms;
-use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
+use crate::design::objective::{Terms, angle_deg};
+use crate::design::scene_search::{SceneWeights, WeightRule};
 use crate::rig::Rig;
 use crate::simulate::view::Seen;
 use crate::world::coverage::Counts;

@@ -58,11 +58,6 @@ impl MountDeg {
         let (sr, cr) = sin_cos_deg(self.roll_deg);
         [[cp, 0.0, sp], [sr * sp, cr, -sr * cp], [-cr * sp, sr, cr * cp]]
     }
-
-    /// The spin axis (+z of the sensor) in the mount frame.
-    pub fn spin_axis(&self) -> [f64; 3] {
-        self.rotation_rows().map(|row| row[2])
-    }
 }
 
 impl From<[f64; 5]> for MountDeg {

@@ -12,7 +12,7 @@ use crate::design::objective::Objective;
 use crate::design::optimize::{FinalLook, Kind};
 use crate::design::robustness::{Robustness, Tolerance};
 use crate::report::chart;
-use crate::rig::MountDeg;
+use crate::rig::{MountDeg, Rig};
 
 const BUDGETS: [usize; 4] = [56, 80, 300, 3500];
 const PLACES: [(&str, &str); 4] = [
@@ -74,7 +74,7 @@ impl Study for Methods {
         let found = task.run()?;
         let judges = Judges::new(&task, &found.objective)?;
         let judged = |mut row: Row, masters: &[MountDeg]| {
-            judges.judge(&mut row, &found.objective.sensors(masters))?;
+            judges.judge(&mut row, &found.objective.rig(masters))?;
             Ok::<_, StudyError>(row)
         };
         let mut rows = vec![judged(found.row.clone(), &found.masters)?];
@@ -131,14 +131,14 @@ impl Judges {
         })
     }
 
-    fn judge(&self, row: &mut Row, sensors: &[MountDeg]) -> Result<(), StudyError> {
-        let spread = self.tolerance.spread(sensors).map_err(StudyError::of)?;
+    fn judge(&self, row: &mut Row, rig: &Rig) -> Result<(), StudyError> {
+        let spread = self.tolerance.spread(rig).map_err(StudyError::of)?;
         row.insert("j_tolerance_mean".into(), json!(spread.mean));
         row.insert("j_tolerance_sd".into(), json!(spread.deviation));
         row.insert("j_tolerance_worst".into(), json!(spread.worst));
-        let built = self.built.spread(sensors).map_err(StudyError::of)?;
+        let built = self.built.spread(rig).map_err(StudyError::of)?;
         row.insert("j_built".into(), json!(built.mean));
-        let converged = self.converged.score_sensors(sensors).map_err(StudyError::of)?;
+        let converged = self.converged.score(rig).map_err(StudyError::of)?;
         row.insert("j_converged".into(), json!(converged));
         Ok(())
     }

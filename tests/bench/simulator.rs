@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use outrigger::base::instructions::Instructions;
 use outrigger::rig::{MountDeg, Path};
-use outrigger::simulate::published::{Experiment, Preset, Simulator};
+use outrigger::simulate::published::{Experiment, Preset, PublishedBox};
 use support::{median, median_cpu_s};
 
 fn main() {
@@ -26,18 +26,18 @@ fn main() {
     ] {
         let preset = Preset::named(preset).expect("a preset of this program");
         let experiment = Experiment { path, ..Experiment::published(preset) };
-        let simulator = Simulator::new(&experiment).expect("the published experiment");
+        let simulator = PublishedBox::new(&experiment).expect("the published experiment");
         let sensors = experiment.sensors(&[MountDeg::from(master)]);
         let walks = simulator.walks(&sensors);
         let definition = simulator.coverage_by_definition(&sensors).expect("a mount inside the box");
         let counts = definition.coverage.counts();
         assert_eq!(simulator.count(&sensors).as_ref(), Ok(&counts), "the fast way counts the same");
-        assert_eq!(simulator.see_along(&walks).as_ref(), Ok(&definition), "pose by pose the same is seen");
+        assert_eq!(simulator.cover_along(&walks).as_ref(), Ok(&definition), "pose by pose the same is seen");
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
         let [fast_ms, any_ms, definition_ms] = alone.install(|| {
             [
                 1e3 * median_cpu_s(401, || drop(black_box(simulator.count(black_box(&sensors))))),
-                1e3 * median_cpu_s(51, || drop(black_box(simulator.see_along(black_box(&walks))))),
+                1e3 * median_cpu_s(51, || drop(black_box(simulator.cover_along(black_box(&walks))))),
                 1e3 * median_cpu_s(5, || {
                     drop(black_box(simulator.coverage_by_definition(black_box(&sensors))));
                 }),
@@ -59,19 +59,21 @@ fn main() {
     }
 }
 
-fn instruction_sets(simulator: &Simulator, sensors: &[MountDeg]) {
+fn instruction_sets(simulator: &PublishedBox, sensors: &[MountDeg]) {
     let walks = simulator.walks(sensors);
     for instructions in Instructions::available() {
         let fast_ms = 1e3
             * median_cpu_s(201, || drop(black_box(simulator.count_with(black_box(sensors), instructions))));
         let any_ms = 1e3
-            * median_cpu_s(21, || drop(black_box(simulator.see_along_with(black_box(&walks), instructions))));
+            * median_cpu_s(21, || {
+                drop(black_box(simulator.cover_along_with(black_box(&walks), instructions)))
+            });
         println!("  with {instructions:?}: fast {fast_ms:.4}, any poses {any_ms:.3}");
     }
 }
 
 /// Time on the wall, because that is what a second thread is for: one thread and two in turn.
-fn threads(simulator: &Simulator, sensors: &[MountDeg]) {
+fn threads(simulator: &PublishedBox, sensors: &[MountDeg]) {
     let pools =
         [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads"));
     let walks = simulator.walks(sensors);
@@ -93,7 +95,7 @@ fn threads(simulator: &Simulator, sensors: &[MountDeg]) {
         );
     };
     compare("fast", &|| drop(black_box(simulator.count(black_box(sensors)))));
-    compare("any poses", &|| drop(black_box(simulator.see_along(black_box(&walks)))));
+    compare("any poses", &|| drop(black_box(simulator.cover_along(black_box(&walks)))));
 }
 
 /// Median of the same evaluation in vectorised numpy, which must see as many voxels.

@@ -6,7 +6,7 @@ use outrigger::base::rng::Rng;
 use outrigger::design::objective::{Objective, Weights};
 use outrigger::design::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
 use outrigger::rig::{MountDeg, Path, Phase, Roll};
-use outrigger::simulate::published::{Experiment, Preset, Simulator};
+use outrigger::simulate::published::{Experiment, Preset, PublishedBox};
 
 use super::command::{json, outrigger};
 
@@ -19,7 +19,7 @@ fn mixed() -> Experiment {
 }
 
 fn objective(experiment: &Experiment, prices: [f64; 2]) -> Objective {
-    let simulator = Simulator::new(experiment).unwrap();
+    let simulator = PublishedBox::new(experiment).unwrap();
     Objective::new(simulator, Weights::default(), 0.0).unwrap().with_prices(prices.to_vec())
 }
 
@@ -44,7 +44,8 @@ pub fn a_mixed_rig_sees_what_its_sensors_see() {
     ] {
         let changed = |from: Experiment| Experiment { path, phase, roll, mirror, azimuths: 60, ..from };
         let experiment = changed(mixed());
-        let alone = presets().map(|preset| Simulator::new(&changed(Experiment::published(preset))).unwrap());
+        let alone =
+            presets().map(|preset| PublishedBox::new(&changed(Experiment::published(preset))).unwrap());
         let (prices, weights) = ([1500.0, 700.0], Weights::default());
         let objective = objective(&experiment, prices);
         let sensors = experiment.sensors(&masters(&mut rng));
@@ -64,11 +65,11 @@ pub fn a_mixed_rig_sees_what_its_sensors_see() {
             voxels.push(seen.iter().map(|word| u64::from(word.count_ones())).sum::<u64>());
             price += prices[sensor.sensor_type];
         }
-        let seen = objective.simulator().see(&sensors).unwrap();
+        let seen = objective.simulator().cover(&sensors).unwrap();
         assert_eq!(seen.coverage.union(), union, "{path:?} {phase:?}");
         assert_eq!(seen, objective.simulator().coverage_by_definition(&sensors).unwrap());
         let count = |words: &[u64]| words.iter().map(|word| u64::from(word.count_ones())).sum::<u64>();
-        let evaluation = objective.evaluate_sensors(&sensors).unwrap();
+        let evaluation = objective.evaluate_rig(&objective.mounted(&sensors)).unwrap();
         assert_eq!((evaluation.unique_voxels, &evaluation.per_sensor_voxels), (count(&union), &voxels));
         let overlap = count(&twice) as f64 / count(&union) as f64;
         assert_eq!(evaluation.overlap_ratio, overlap);
@@ -197,9 +198,8 @@ pub fn unlike_housings_keep_their_own_distance() {
     ] {
         for (off_m, is_retained) in [(1e-6, true), (-1e-6, false)] {
             let pair = [at(0.0, first), at(needed_m + off_m, second)];
-            let evaluation = objective.evaluate_sensors(&pair).unwrap();
+            let evaluation = objective.evaluate_rig(&objective.mounted(&pair)).unwrap();
             assert_eq!(evaluation.feasible, is_retained, "{first} {second}: {:?}", evaluation.violations);
-            assert!((objective.needed_distance_m(&pair[0], &pair[1]) - needed_m).abs() < 1e-12);
         }
     }
     // what the search minimises is what is missing
@@ -218,7 +218,7 @@ pub fn experiments_that_cannot_share_a_rig_are_refused() {
         assert!(Experiment::mixed(bad).unwrap_err().to_string().contains("make no rig"));
     }
     let unknown = MountDeg { sensor_type: 2, ..MountDeg::default() };
-    let error = Simulator::new(&mixed()).unwrap().count(&[MountDeg::default(), unknown]).unwrap_err();
+    let error = PublishedBox::new(&mixed()).unwrap().count(&[MountDeg::default(), unknown]).unwrap_err();
     assert!(error.to_string().contains("sensor 2 is of type 2"), "{error}");
 }
 

@@ -7,7 +7,7 @@ use std::io::{BufRead as _, Write as _};
 
 use outrigger::design::objective::{Objective, Weights};
 use outrigger::rig::{MountDeg, Path, Roll};
-use outrigger::simulate::published::{Experiment, Preset, Simulator};
+use outrigger::simulate::published::{Experiment, Preset, PublishedBox};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => return Err("after the path there may be free, nothing else".into()),
     };
     let experiment = Experiment { path, roll, ..Experiment::published(Preset::named(preset)?) };
-    let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
+    let objective = Objective::new(PublishedBox::new(&experiment)?, Weights::default(), 0.0)?;
     let mut out = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines() {
         let masters: Vec<[f64; 5]> = serde_json::from_str(&line?)?;

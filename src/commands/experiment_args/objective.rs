@@ -4,7 +4,7 @@ use super::ExperimentArgs;
 use crate::commands::{ensure_consistent, wrong_usage};
 use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
 use crate::rig::{MountFile, Roll};
-use crate::simulate::published::{Experiment, ExperimentError, Preset, Simulator};
+use crate::simulate::published::{Experiment, ExperimentError, Preset, PublishedBox};
 
 /// Most columns of a published experiment.
 const MAX_COLUMNS: usize = 8192;
@@ -105,7 +105,7 @@ impl ExperimentArgs {
         )])?;
         let weights =
             Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
-        let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;
+        let objective = Objective::new(PublishedBox::new(&experiment)?, weights, least_distance_m)?;
         Ok(objective.with_prices(prices))
     }
 }

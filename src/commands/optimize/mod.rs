@@ -92,7 +92,7 @@ fn pictured(
         return Ok(search::report(document, file, None));
     }
     let objective = problem.objective();
-    let coverage = &objective.simulator().see(&objective.sensors(masters))?.coverage;
+    let coverage = &objective.simulator().cover(&objective.sensors(masters))?.coverage;
     let rig = &file.rig()?;
     Ok(search::report(document, file, Some(&Pictures { objective, rig, coverage })))
 }

@@ -41,19 +41,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     output::check_places([&args.report])?;
     let start = Instant::now();
-    let seen = objective.simulator().see(&sensors)?;
+    let seen = objective.simulator().cover(&sensors)?;
     let mut document =
         Document::new(&objective, &sensors, (&seen.coverage, seen.lost_rays), start.elapsed().as_secs_f64());
+    let rig = objective.mounted(&sensors);
     if args.baselines {
-        document.baselines = Some(baselines(&objective, &sensors)?);
+        document.baselines = Some(baselines(&objective, &rig)?);
     }
     if args.scoring.rescore > 0 {
         document.rescored =
-            Some(rescore(&objective, &sensors, args.scoring.rescore, args.scoring.divergence, args.seed)?);
+            Some(rescore(&objective, &rig, args.scoring.rescore, args.scoring.divergence, args.seed)?);
     }
     if fidelity_asked(args) == FidelityArg::Auto {
-        document.fidelity =
-            Some(MountFidelity::measure(&objective, &sensors, args.scoring.tolerance / 100.0)?);
+        document.fidelity = Some(MountFidelity::measure(&objective, &rig, args.scoring.tolerance / 100.0)?);
     }
     let report = report(&document, args.report.as_ref().map(|_| &seen.coverage));
     output::print_result(context.json, &document, &report, &[])?;

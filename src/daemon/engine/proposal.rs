@@ -11,7 +11,8 @@ use crate::daemon::rig::RigCommandError;
 use crate::daemon::status::Proposal;
 use crate::design::reconfigure::{self, Answer, Question, ReconfigureError};
 use crate::live::receive::now_ns;
-use crate::rig::Rig;
+use crate::rig::{MountedSensor, Rig};
+use crate::simulate::view::{MapCells, MapView};
 
 /// Sets of pitches that are looked at.
 const EVALUATIONS: usize = 60;
@@ -169,30 +170,33 @@ impl Daemon {
             }
             _ => false, // a region is one of pairs
         };
-        let question = Question {
-            map: &map,
-            poses: &poses,
-            rig: &rig,
-            limits_rad: &limits_rad,
-            is_excluded: &is_excluded,
-        };
+        let view = MapView::new(&map, &poses);
+        let question =
+            Question { view: &view, rig: &rig, limits_rad: &limits_rad, is_excluded: &is_excluded };
         let id = core.proposals.made.fetch_add(1, Ordering::Relaxed) + 1;
         // its own, single thread of low priority: the recorder needs the others
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::lower_priority()).build();
         let pool = pool.map_err(|error| ProposalError::Thread(error.to_string()))?;
-        let answer = pool.install(|| reconfigure::propose(&question, id, EVALUATIONS))?;
-        Ok(self.proposal(id, now_deg, &answer, poses.len(), map_is_full))
+        let (answer, cells) = pool.install(|| {
+            let answer = reconfigure::propose(&question, id, EVALUATIONS)?;
+            let cells = [&rig, &answer.rig].map(|rig| view.cells(rig));
+            Ok::<_, ReconfigureError>((answer, cells))
+        })?;
+        Ok(self.proposal(id, now_deg, (&answer, cells), poses.len(), map_is_full))
     }
 
-    fn proposal(&self, id: u64, now_deg: Vec<f64>, answer: &Answer, poses: usize, full: bool) -> Proposal {
-        let pitches_deg: Vec<f64> = answer
-            .pitches_rad
-            .iter()
-            .map(|pitch_rad| (pitch_rad.to_degrees() * 10.0).round() / 10.0)
-            .collect();
-        let (now, proposed) = (answer.now, answer.best);
-        let is_better = proposed.score() as f64 >= (1.0 + WORTH) * now.score().max(1) as f64;
+    fn proposal(
+        &self,
+        id: u64,
+        now_deg: Vec<f64>,
+        (answer, [now, proposed]): (&Answer, [MapCells; 2]),
+        poses: usize,
+        full: bool,
+    ) -> Proposal {
+        let pitch_deg = |sensor: &MountedSensor| (sensor.mount.pitch_rad.to_degrees() * 10.0).round() / 10.0;
+        let pitches_deg: Vec<f64> = answer.rig.sensors.iter().map(pitch_deg).collect();
+        let is_better = answer.best.union >= (1.0 + WORTH) * answer.now.union.max(1.0);
         let words = if is_better {
             format!(
                 "pitches {} would see {} cells of the surface mapped so far and look into {} unknown ones; at {} it is {} \

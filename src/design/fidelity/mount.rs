@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{BoxLadder, Ladder as _, Settled, settle};
 use crate::base::numbers::{count, number};
 use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
-use crate::rig::MountDeg;
+use crate::rig::Rig;
 use crate::simulate::occluder::Occluder;
 
 /// The score under the finest sampling.
@@ -43,15 +43,11 @@ impl MountFidelity {
     ///
     /// # Errors
     /// Those of the objective.
-    pub(crate) fn measure(
-        objective: &Objective,
-        sensors: &[MountDeg],
-        tolerance: f64,
-    ) -> Result<Self, ExperimentError> {
+    pub(crate) fn measure(objective: &Objective, rig: &Rig, tolerance: f64) -> Result<Self, ExperimentError> {
         let ladder = BoxLadder::new(objective)?;
-        let settled = settle(&ladder, &sensors.to_vec(), tolerance)?;
+        let settled = settle(&ladder, rig, tolerance)?;
         let level_name = ladder.name(settled.judged.level);
-        let left_out = vec![spread(objective, sensors)?, housings(objective, sensors), others(objective)];
+        let left_out = vec![spread(objective, rig)?, housings(objective, rig), others(objective)];
         Ok(Self { settled, tolerance, level_name, left_out })
     }
 
@@ -76,13 +72,14 @@ impl MountFidelity {
 }
 
 /// The publication's own noise on directions, at the fineness that was given.
-fn spread(objective: &Objective, sensors: &[MountDeg]) -> Result<Omission, ExperimentError> {
+fn spread(objective: &Objective, rig: &Rig) -> Result<Omission, ExperimentError> {
     let simulator = objective.simulator();
-    let plain = objective.score_sensors(sensors)?;
+    let sensors = &simulator.sensors(rig);
+    let plain = objective.score(rig)?;
     let mut sum = 0.0;
     for seed in 0..SPREAD_RUNS {
-        let counts = simulator.see_spread(sensors, PUBLISHED_SPREAD_DEG, seed)?.coverage.counts();
-        sum += objective.terms(sensors, &counts, objective.registration(sensors).as_ref()).objective();
+        let counts = simulator.cover_spread(sensors, PUBLISHED_SPREAD_DEG, seed)?.coverage.counts();
+        sum += objective.score_counts(rig, &counts).objective;
     }
     let worth = sum / SPREAD_RUNS as f64 - plain;
     let voxel_m = simulator.experiment().voxel_m;
@@ -101,14 +98,14 @@ fn spread(objective: &Objective, sensors: &[MountDeg]) -> Result<Omission, Exper
 }
 
 /// The other sensors' housings, which the published experiment looks through.
-fn housings(objective: &Objective, sensors: &[MountDeg]) -> Omission {
-    let rig = objective.rig(sensors);
+fn housings(objective: &Objective, rig: &Rig) -> Omission {
     let experiment = objective.simulator().experiment();
+    let sensors = objective.simulator().sensors(rig);
     let (mut blocked, mut rays) = (0_u32, 0_u32);
     for (index, sensor) in rig.sensors.iter().enumerate() {
         let preset = experiment.preset_of(&sensors[index]);
         let beams = (preset.beams - 1) as f64;
-        let occluders = Occluder::other_housings(&rig, index);
+        let occluders = Occluder::other_housings(rig, index);
         let body_from_sensor = sensor.mount.body_from_sensor();
         for azimuth in 0..preset.azimuths {
             let (sin, cos) = (TAU * azimuth as f64 / preset.azimuths as f64).sin_cos();

@@ -2,7 +2,7 @@
 
 use super::Ladder;
 use crate::design::objective::{ExperimentError, Objective};
-use crate::rig::{MountDeg, Phase};
+use crate::rig::{Phase, Rig};
 
 /// Factors on azimuths and on poses per metre, level by level.
 const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
@@ -37,8 +37,7 @@ impl BoxLadder {
 }
 
 impl Ladder for BoxLadder {
-    /// Physical sensors.
-    type Candidate = Vec<MountDeg>;
+    type Candidate = Rig;
     /// The kernel counts too fast for it to pay to keep what was seen.
     type Memo = ();
     type Error = ExperimentError;
@@ -47,8 +46,8 @@ impl Ladder for BoxLadder {
         self.objectives.len()
     }
 
-    fn rays(&self, level: usize, sensors: &Vec<MountDeg>) -> u64 {
-        self.objectives[level].rays(sensors)
+    fn rays(&self, level: usize, rig: &Rig) -> u64 {
+        self.objectives[level].simulator().rays(rig)
     }
 
     fn name(&self, level: usize) -> String {
@@ -56,7 +55,7 @@ impl Ladder for BoxLadder {
         format!("{} azimuths, {} poses per metre", experiment.azimuths, experiment.sub_poses)
     }
 
-    fn score(&self, level: usize, sensors: &Vec<MountDeg>, (): &mut ()) -> Result<f64, ExperimentError> {
-        self.objectives[level].score_sensors(sensors)
+    fn score(&self, level: usize, rig: &Rig, (): &mut ()) -> Result<f64, ExperimentError> {
+        self.objectives[level].score(rig)
     }
 }

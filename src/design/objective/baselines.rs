@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::{ExperimentError, Objective};
-use crate::rig::MountDeg;
+use crate::rig::{MountDeg, Rig};
 use crate::simulate::baselines::{Baselines, Single, best_pitch, level_mount};
 
 /// Pitches tried for the best single sensor, degrees: 0 to this in steps of 1, as hall and walk are symmetric.
@@ -23,12 +23,9 @@ pub(crate) struct SingleScore {
 
 /// One level sensor and the best single one, in the middle of the given ones; of a mixed rig both are of the type with
 /// the single sensor that scores higher.
-pub(crate) fn baselines(
-    objective: &Objective,
-    sensors: &[MountDeg],
-) -> Result<Baselines<SingleScore>, ExperimentError> {
+pub(crate) fn baselines(objective: &Objective, rig: &Rig) -> Result<Baselines<SingleScore>, ExperimentError> {
     let of_types = objective.simulator().experiment().models().into_iter().enumerate();
-    let of_type = |(sensor_type, model)| one_type(objective, sensors, sensor_type, model);
+    let of_type = |(sensor_type, model)| one_type(objective, rig, sensor_type, model);
     let mut all = of_types.map(of_type).collect::<Result<Vec<_>, _>>()?.into_iter();
     let first = all.next().ok_or(ExperimentError::NoSensors)?;
     let better = |a: Baselines<SingleScore>, b: Baselines<SingleScore>| {
@@ -39,20 +36,19 @@ pub(crate) fn baselines(
 
 fn one_type(
     objective: &Objective,
-    sensors: &[MountDeg],
+    rig: &Rig,
     sensor_type: usize,
     model: &str,
 ) -> Result<Baselines<SingleScore>, ExperimentError> {
-    let simulator = objective.simulator();
-    let mounts: Vec<_> = sensors.iter().map(MountDeg::mount).collect();
+    let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
     let level = level_mount(&mounts);
     let at = |pitch_deg: f64| MountDeg {
         sensor_type,
         ..MountDeg::from([level.x_m, level.y_m, level.z_m, pitch_deg, 0.0])
     };
-    let of_all = simulator.count(sensors)?.union as i64;
+    let of_all = objective.evaluate_rig(rig)?.unique_voxels as i64;
     let alone = |pitch_deg: f64| {
-        let evaluation = objective.evaluate_sensors(&[at(pitch_deg)])?;
+        let evaluation = objective.evaluate_rig(&objective.mounted(&[at(pitch_deg)]))?;
         let gain_voxels = of_all - evaluation.unique_voxels as i64;
         let (objective, unique_voxels) = (evaluation.objective, evaluation.unique_voxels);
         let seen = SingleScore { objective, unique_voxels, gain_voxels };
@@ -61,7 +57,7 @@ fn one_type(
         Ok::<_, ExperimentError>(Single { pitch_deg, ..single })
     };
     let level_single = alone(0.0)?;
-    let many = objective.rays(&[at(0.0)]) > MANY_RAYS;
+    let many = objective.simulator().experiment().rays(&[at(0.0)]) > MANY_RAYS;
     let step = if many { COARSE_DEG as usize } else { 1 };
     let pitches_deg: Vec<f64> = (0..=MAX_PITCH_DEG).step_by(step).map(f64::from).collect();
     // a sensor at a position that was scored level fails nowhere else
@@ -111,18 +107,19 @@ impl Rescored {
     }
 }
 
-/// The mounts scored again, each run with a seed of its own.
+/// The rig scored again, each run with a seed of its own.
 pub(crate) fn rescore(
     objective: &Objective,
-    sensors: &[MountDeg],
+    rig: &Rig,
     runs: u32,
     divergence_deg: f64,
     seed: u64,
 ) -> Result<Rescored, ExperimentError> {
+    let sensors = objective.simulator().sensors(rig);
     let run = |run: u32| {
         let seed = seed.wrapping_add(u64::from(run));
-        let seen = objective.simulator().see_spread(sensors, divergence_deg, seed)?;
-        Ok(objective.score_counts(sensors, &seen.coverage.counts()).objective)
+        let seen = objective.simulator().cover_spread(&sensors, divergence_deg, seed)?;
+        Ok(objective.score_counts(rig, &seen.coverage.counts()).objective)
     };
     let objectives: Vec<f64> = (0..runs).map(run).collect::<Result<_, ExperimentError>>()?;
     let count = objectives.len() as f64;

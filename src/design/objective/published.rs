@@ -4,8 +4,8 @@ use sensors::catalogue::ModelError;
 
 use super::{Objective, Weights};
 use crate::design::registration::Information;
-use crate::rig::MountDeg;
-use crate::simulate::published::{Experiment, ExperimentError, Preset, Simulator};
+use crate::rig::{MountDeg, Rig};
+use crate::simulate::published::{Experiment, ExperimentError, Preset, PublishedBox};
 
 /// Why a published experiment makes no objective.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,7 @@ impl Objective {
     pub fn published(preset: &str, change: impl FnOnce(&mut Experiment)) -> Result<Self, ObjectiveError> {
         let mut experiment = Experiment::published(Preset::named(preset)?);
         change(&mut experiment);
-        Ok(Self::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?)
+        Ok(Self::new(PublishedBox::new(&experiment)?, Weights::default(), 0.0)?)
     }
 
     /// The same objective with this about its experiment changed; the sensor types stay.
@@ -41,7 +41,7 @@ impl Objective {
     pub(crate) fn changed(&self, change: impl FnOnce(&mut Experiment)) -> Result<Self, ExperimentError> {
         let mut experiment = *self.simulator.experiment();
         change(&mut experiment);
-        Ok(Self { simulator: Simulator::new(&experiment)?, ..self.clone() })
+        Ok(Self { simulator: PublishedBox::new(&experiment)?, ..self.clone() })
     }
 
     /// Every physical sensor of these masters.
@@ -49,18 +49,13 @@ impl Objective {
         self.simulator.experiment().sensors(masters)
     }
 
-    /// Rays of these physical sensors over the whole walk.
-    pub(crate) fn rays(&self, sensors: &[MountDeg]) -> u64 {
-        self.simulator.experiment().rays(sensors)
-    }
-
     /// One sum of hits for every 5 m of the walk: every 8th column, all sensors together, in the axes of the mount frame.
-    pub(crate) fn scans(&self, sensors: &[MountDeg]) -> Vec<Information> {
-        let experiment = self.simulator.experiment();
+    pub(crate) fn scans(&self, rig: &Rig) -> Vec<Information> {
+        let (experiment, sensors) = (self.simulator.experiment(), self.simulator.sensors(rig));
         let poses = (0..experiment.poses()).step_by(POSE_STEP_M * experiment.sub_poses);
         let scan = |pose: usize| {
             let mut information = Information::default();
-            for sensor in sensors {
+            for sensor in &sensors {
                 self.simulator.sparse_hits(sensor, pose, COLUMN_STEP, |from_body_m, normal| {
                     information.add(from_body_m.into(), normal.into());
                 });
@@ -109,7 +104,8 @@ mod tests {
                 [0.126918368385795, 0.168801114529027, 32.8552570066808, 37.1828226925162],
             ),
         ] {
-            let scans = Objective::published(preset, |_| ()).unwrap().scans(sensors);
+            let objective = Objective::published(preset, |_| ()).unwrap();
+            let scans = objective.scans(&objective.mounted(sensors));
             assert_eq!(scans.len(), 9);
             let quality = RegistrationQuality::of_scans(&scans).unwrap();
             let found = [

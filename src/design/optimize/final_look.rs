@@ -56,7 +56,7 @@ impl FinalLook {
         tolerance: Tolerance,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, RobustnessError> {
-        let candidates: Vec<_> = mounts.iter().map(|masters| objective.sensors(masters)).collect();
+        let candidates: Vec<_> = mounts.iter().map(|masters| objective.rig(masters)).collect();
         let ladder = BoxLadder::new(objective)?;
         let tolerance = Tolerance { free_phase: true, ..tolerance };
         let robustness = Robustness::new(ladder.objective(LEVEL), tolerance, DRAWS, SEED)?;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Measured, Mirror, Space, SpaceError, Variable};
 use crate::design::objective::{ExperimentError, Objective};
 use crate::design::robustness::{Criterion, Robustness, Spread};
-use crate::rig::{MountDeg, Phase, Roll};
+use crate::rig::{Clearance, MountDeg, Phase, Rig, Roll};
 
 /// Maximum number of masters of the published space.
 pub const PUBLISHED_MASTERS_MAX: u32 = 5;
@@ -226,8 +226,8 @@ impl MountProblem {
 
     /// J over mount errors of these masters, where they are reckoned with.
     pub(crate) fn spread(&self, masters: &[MountDeg]) -> Result<Option<Spread>, ExperimentError> {
-        let sensors = self.objective.sensors(masters);
-        self.robust.as_ref().map(|(robustness, _)| robustness.spread(&sensors)).transpose()
+        let rig = self.objective.rig(masters);
+        self.robust.as_ref().map(|(robustness, _)| robustness.spread(&rig)).transpose()
     }
 
     /// What is searched.
@@ -267,46 +267,30 @@ impl MountProblem {
     /// Scores a point. Violation: the distances that miss, summed, m, and the share by which the conditioning of
     /// registration falls short; sensors that may not be are still scored.
     pub fn measure(&self, values: &[f64]) -> Result<Measured, ExperimentError> {
-        let masters = self.masters(values);
-        let sensors = self.objective.sensors(&masters);
-        let rays = self.objective.rays(&sensors);
-        let too_close_m = self.violation(&sensors);
-        if let Some((robustness, criterion)) = &self.robust {
-            let quality = self.objective.registration(&sensors);
-            return Ok(Measured {
-                score: robustness.judge(&sensors, *criterion)?,
-                violation: too_close_m + self.objective.weights().conditioning_shortfall(quality.as_ref()),
-                rays: rays * robustness.draws() as u64,
-            });
-        }
-        let counts = self.objective.simulator().count(&sensors)?;
-        let quality = self.objective.registration(&sensors);
-        Ok(Measured {
-            score: self.objective.terms(&sensors, &counts, quality.as_ref()).objective(),
-            violation: too_close_m + self.objective.weights().conditioning_shortfall(quality.as_ref()),
-            rays,
-        })
+        let rig = self.objective.rig(&self.masters(values));
+        let rays = self.objective.simulator().rays(&rig);
+        let (score, quality, draws) = match &self.robust {
+            Some((robustness, criterion)) => {
+                (robustness.judge(&rig, *criterion)?, self.objective.registration(&rig), robustness.draws())
+            }
+            None => {
+                let (terms, quality) = self.objective.measure(&rig)?;
+                (terms.objective(), quality, 1)
+            }
+        };
+        let shortfall = self.objective.weights().conditioning_shortfall(quality.as_ref());
+        Ok(Measured { score, violation: self.too_close_m(&rig) + shortfall, rays: rays * draws as u64 })
     }
 
-    fn violation(&self, sensors: &[MountDeg]) -> f64 {
-        let least_m = |first: &MountDeg, second: &MountDeg| match self.keep_apart {
-            KeepApart::None => 0.0,
-            KeepApart::Housings => self.objective.needed_distance_m(first, second),
-            KeepApart::Distance(least_m) => least_m,
+    fn too_close_m(&self, rig: &Rig) -> f64 {
+        let missing_m = |needed_m: &dyn Fn(&Clearance) -> f64| {
+            let pairs = rig.clearances(self.objective.least_distance_m());
+            pairs.iter().fold(0.0, |sum_m, pair| sum_m + (needed_m(pair) - pair.distance_m).max(0.0))
         };
-        if self.keep_apart == KeepApart::None {
-            return 0.0;
-        }
-        let mut missing_m = 0.0;
-        for (index, first) in sensors.iter().enumerate() {
-            for second in &sensors[index + 1..] {
-                let distance_m = first.mount().position_m().distance(second.mount().position_m());
-                missing_m += (least_m(first, second) - distance_m).max(0.0);
-            }
-        }
         match self.keep_apart {
-            KeepApart::Housings => missing_m + self.objective.rig(sensors).housing_shortfall_m(),
-            _ => missing_m,
+            KeepApart::None => 0.0,
+            KeepApart::Housings => missing_m(&|pair| pair.needed_m) + rig.housing_shortfall_m(),
+            KeepApart::Distance(least_m) => missing_m(&|_| least_m),
         }
     }
 }

@@ -93,7 +93,7 @@ impl Refiner {
         seen.retain(|(score, _)| *score >= min_score);
         let objective = ladder.objective(SEARCH_LEVEL);
         let candidates: Vec<_> =
-            seen.iter().map(|(_, values)| objective.sensors(&problem.masters(values))).collect();
+            seen.iter().map(|(_, values)| objective.rig(&problem.masters(values))).collect();
         let Some(first) = candidates.first() else { return Ok(None) };
         let rules = Rules {
             tolerance: regret,

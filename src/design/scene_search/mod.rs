@@ -30,4 +30,4 @@ pub(crate) use rig_space::{RigSpace, is_of_few_channels};
 pub(crate) use search::{SceneSearch, SearchEnd};
 pub(crate) use sites::Views;
 pub(crate) use state_file::{Asked, Findings, Question, SceneStateError, SearchState};
-pub(crate) use weights::{SceneWeights, WeightRule, angle_deg, no_fewer_than_seen, share_of};
+pub(crate) use weights::{SceneWeights, WeightRule, no_fewer_than_seen, share_of};

@@ -1,9 +1,9 @@
 //! J in any scene: the published weights, as they are or as shares of what can be seen.
 
-use crate::design::objective::{Terms, Weights, min_angle_deg};
+use crate::design::objective::{Terms, Weights, angle_deg, score};
 use crate::design::registration::RegistrationQuality;
 use crate::design::robustness::Criterion;
-use crate::rig::{MountedSensor, Rig};
+use crate::rig::Rig;
 use crate::simulate::view::Seen;
 
 /// Voxels that can be hit in the published room, for which the published weights were made.
@@ -104,14 +104,9 @@ impl SceneWeights {
     }
 
     fn scaled_terms(&self, rig: &Rig, seen: &Seen, scale: f64) -> Terms {
-        let weights = &self.weights;
-        Terms {
-            coverage: scale * seen.union,
-            overlap: weights.overlap_term(seen.overlap_ratio()),
-            angular: self.angular(rig),
-            cost: -weights.sensor_cost * rig.sensors.len() as f64,
-            registration: 0.0,
-        }
+        let price = self.weights.sensor_cost * rig.sensors.len() as f64;
+        let terms = score(&self.weights, seen, angle_deg(rig), price);
+        Terms { coverage: scale * terms.coverage, ..terms }
     }
 }
 
@@ -138,13 +133,6 @@ fn sites_of(seen: &Seen) -> &[Seen] {
 
 fn mean(counts: &[u64]) -> f64 {
     counts.iter().sum::<u64>() as f64 / counts.len().max(1) as f64
-}
-
-/// Least angle between the spin axes of a rig, degrees; none for a single sensor.
-pub(crate) fn angle_deg(rig: &Rig) -> Option<f64> {
-    let axes: Vec<[f64; 3]> =
-        rig.sensors.iter().map(|sensor| MountedSensor::spin_axis(sensor).to_array()).collect();
-    min_angle_deg(&axes)
 }
 
 #[cfg(test)]

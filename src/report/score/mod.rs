@@ -59,14 +59,15 @@ impl Document {
     ) -> Self {
         let simulator = objective.simulator();
         let experiment = simulator.experiment();
-        let scans = objective.scans(sensors);
+        let rig = objective.mounted(sensors);
+        let scans = objective.scans(&rig);
         let first_m = -0.5 * experiment.preset.path_length_m;
         let along = |(scan, [translation, rotation_m2]): (usize, [f64; 2])| {
             [first_m + (scan * POSE_STEP_M) as f64, translation, rotation_m2]
         };
         let union = coverage.union();
         let unseen = simulator.reachable_cells().filter(|cell| union[cell / 64] >> (cell % 64) & 1 == 0);
-        let mut evaluation = objective.score_counts(sensors, &coverage.counts());
+        let mut evaluation = objective.score_counts(&rig, &coverage.counts());
         evaluation.registration = RegistrationQuality::of_scans(&scans);
         Self {
             evaluation,
@@ -75,7 +76,7 @@ impl Document {
             fidelity: None,
             registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
             blind_spots: blind_spots(&simulator.grid(), unseen, MAX_BLIND_SPOTS),
-            touching: objective.rig(sensors).touching(),
+            touching: rig.touching(),
             coverage_sha256: coverage.union_sha256(),
             preset: experiment.name(),
             prices: objective.prices().to_vec(),

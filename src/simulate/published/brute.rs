@@ -1,9 +1,9 @@
 //! The definition, ray by ray: the reference for every faster method.
 
-use super::{BoxPose, Simulator};
+use super::{BoxPose, PublishedBox};
 
 /// Bitmap of what a sensor sees from poses, and the number of rays that the quirk lost.
-pub(super) fn see(simulator: &Simulator, poses: &[BoxPose]) -> (Vec<u64>, u64) {
+pub(super) fn see(simulator: &PublishedBox, poses: &[BoxPose]) -> (Vec<u64>, u64) {
     let words = simulator.cells.iter().product::<usize>().div_ceil(64);
     let mut bitmap = vec![0u64; words];
     let mut lost = 0;
@@ -23,7 +23,7 @@ pub(super) fn see(simulator: &Simulator, poses: &[BoxPose]) -> (Vec<u64>, u64) {
 }
 
 /// Number of rays that the quirk loses at a pose.
-pub(super) fn lost_rays(simulator: &Simulator, pose: &BoxPose) -> u64 {
+pub(super) fn lost_rays(simulator: &PublishedBox, pose: &BoxPose) -> u64 {
     if !simulator.loses() {
         return 0;
     }
@@ -38,19 +38,19 @@ pub(super) fn lost_rays(simulator: &Simulator, pose: &BoxPose) -> u64 {
 }
 
 /// Azimuth of a column of a pattern that has turned by so many steps, rad.
-pub(super) fn azimuth_rad(simulator: &Simulator, turn: f64, azimuth: usize) -> f64 {
+pub(super) fn azimuth_rad(simulator: &PublishedBox, turn: f64, azimuth: usize) -> f64 {
     let azimuths = simulator.experiment.azimuths as f64;
     ((azimuth as f64 + turn) * 360.0 / azimuths).to_radians()
 }
 
 /// World direction of a beam.
-pub(super) fn direction(simulator: &Simulator, pose: &BoxPose, azimuth: usize, beam: usize) -> [f64; 3] {
+pub(super) fn direction(simulator: &PublishedBox, pose: &BoxPose, azimuth: usize, beam: usize) -> [f64; 3] {
     direction_at(simulator, pose, azimuth_rad(simulator, pose.turn, azimuth).sin_cos(), beam)
 }
 
 /// The same, from the sine and cosine of the azimuth.
 pub(super) fn direction_at(
-    simulator: &Simulator,
+    simulator: &PublishedBox,
     pose: &BoxPose,
     azimuth: (f64, f64),
     beam: usize,
@@ -63,7 +63,7 @@ pub(super) fn direction_at(
 }
 
 /// Linear index of the voxel that a ray hits; none where the quirk loses the ray.
-pub(super) fn voxel(simulator: &Simulator, origin_m: [f64; 3], direction: [f64; 3]) -> Option<usize> {
+pub(super) fn voxel(simulator: &PublishedBox, origin_m: [f64; 3], direction: [f64; 3]) -> Option<usize> {
     let preset = &simulator.experiment.preset;
     let mut exit_m = f64::INFINITY;
     for axis in 0..3 {
@@ -84,7 +84,7 @@ pub(super) fn voxel(simulator: &Simulator, origin_m: [f64; 3], direction: [f64; 
 }
 
 /// Cell of a hit along one axis: a quarter voxel inside at the walls.
-pub(super) fn cell(simulator: &Simulator, axis: usize, hit_m: f64) -> usize {
+pub(super) fn cell(simulator: &PublishedBox, axis: usize, hit_m: f64) -> usize {
     let (preset, voxel_m) = (&simulator.experiment.preset, simulator.experiment.voxel_m);
     let low_m = preset.box_min_m[axis] + 0.25 * voxel_m;
     let high_m = preset.box_max_m[axis] - 0.25 * voxel_m;

@@ -2,12 +2,12 @@
 //! coverage. All types share grid and walk, so that nothing is converted.
 
 use super::shell::Shell;
-use super::{ExperimentError, Seen, Simulator, fast};
+use super::{Covered, ExperimentError, PublishedBox, fast};
 use crate::base::instructions::Instructions;
 use crate::rig::MountDeg;
 use crate::world::coverage::Coverage;
 
-impl Simulator {
+impl PublishedBox {
     /// The simulator of a mount's beams. The mount must have been checked.
     pub(super) fn of(&self, sensor: &MountDeg) -> &Self {
         match sensor.sensor_type {
@@ -31,8 +31,8 @@ impl Simulator {
     pub(super) fn join(
         &self,
         sensors: &[MountDeg],
-        see: impl Fn(&Self, &[MountDeg]) -> Result<Seen, ExperimentError>,
-    ) -> Result<Seen, ExperimentError> {
+        see: impl Fn(&Self, &[MountDeg]) -> Result<Covered, ExperimentError>,
+    ) -> Result<Covered, ExperimentError> {
         if self.more_types.is_empty() {
             return see(self, sensors);
         }
@@ -42,7 +42,7 @@ impl Simulator {
             bitmaps.extend((0..alike.len()).map(|sensor| seen.coverage.sensor_bitmap(sensor).into_owned()));
             lost_rays.extend(seen.lost_rays);
         }
-        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+        Ok(Covered { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 }
 

@@ -17,6 +17,7 @@ mod region;
 mod shell;
 mod sparse;
 mod spread;
+mod view;
 
 pub use spread::PUBLISHED_SPREAD_DEG;
 
@@ -31,7 +32,7 @@ use crate::world::coverage::{Counts, Coverage, VoxelGrid};
 
 /// An experiment made ready: beams, poses and grid. Sensors are then seen in turn, each with the beams of its type.
 #[derive(Clone, Debug)]
-pub struct Simulator {
+pub struct PublishedBox {
     experiment: Experiment,
     cells: [usize; 3],
     /// Voxel index of the box's least corner.
@@ -45,7 +46,7 @@ pub struct Simulator {
     /// Tables of the method for any poses, where the numbers fit.
     faces: Option<anywhere::Faces>,
     /// The same box and walk with the beams of types 1, 2 ...; all else here is about type 0.
-    more_types: Vec<Simulator>,
+    more_types: Vec<PublishedBox>,
 }
 
 /// A sensor in the box, in the mount frame's axes.
@@ -59,7 +60,7 @@ pub struct BoxPose {
     pub turn: f64,
 }
 
-impl Simulator {
+impl PublishedBox {
     /// Checks the experiment and prepares its tables.
     pub fn new(experiment: &Experiment) -> Result<Self, ExperimentError> {
         let preset = &experiment.preset;
@@ -149,64 +150,64 @@ impl Simulator {
     }
 
     /// Which voxels each sensor sees.
-    pub fn see(&self, sensors: &[MountDeg]) -> Result<Seen, ExperimentError> {
-        self.see_with(sensors, Instructions::best())
+    pub fn cover(&self, sensors: &[MountDeg]) -> Result<Covered, ExperimentError> {
+        self.cover_with(sensors, Instructions::best())
     }
 
-    /// As [`Simulator::see`], with given instructions; the same to the bit.
-    pub fn see_with(
+    /// As [`PublishedBox::cover`], with given instructions; the same to the bit.
+    pub fn cover_with(
         &self,
         sensors: &[MountDeg],
         instructions: Instructions,
-    ) -> Result<Seen, ExperimentError> {
+    ) -> Result<Covered, ExperimentError> {
         self.check(sensors)?;
         if self.plan.is_none() {
             return self.join(sensors, |simulator, sensors| {
-                simulator.see_along_with(&simulator.walks(sensors), instructions)
+                simulator.cover_along_with(&simulator.walks(sensors), instructions)
             });
         }
         let shells = self.shells(sensors, instructions);
         let bitmaps = shells.iter().map(|shell| self.bitmap(shell)).collect();
         let lost_rays = sensors.iter().map(|sensor| self.lost_rays(sensor)).collect();
-        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+        Ok(Covered { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
-    /// How many voxels the sensors see: the counts of [`Simulator::see`] without its bitmaps.
+    /// How many voxels the sensors see: the counts of [`PublishedBox::cover`] without its bitmaps.
     pub fn count(&self, sensors: &[MountDeg]) -> Result<Counts, ExperimentError> {
         self.count_with(sensors, Instructions::best())
     }
 
-    /// As [`Simulator::count`], with given instructions.
+    /// As [`PublishedBox::count`], with given instructions.
     pub fn count_with(
         &self,
         sensors: &[MountDeg],
         instructions: Instructions,
     ) -> Result<Counts, ExperimentError> {
         if self.plan.is_none() {
-            return Ok(self.see_with(sensors, instructions)?.coverage.counts());
+            return Ok(self.cover_with(sensors, instructions)?.coverage.counts());
         }
         self.check(sensors)?;
         Ok(shell::counts(&self.shells(sensors, instructions), instructions))
     }
 
     /// Which voxels sensors of the first type see from any poses in the box, one list of poses for each.
-    pub fn see_along(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
-        self.see_along_with(sensors, Instructions::best())
+    pub fn cover_along(&self, sensors: &[Vec<BoxPose>]) -> Result<Covered, ExperimentError> {
+        self.cover_along_with(sensors, Instructions::best())
     }
 
-    /// As [`Simulator::see_along`], with given instructions; the same to the bit.
-    pub fn see_along_with(
+    /// As [`PublishedBox::cover_along`], with given instructions; the same to the bit.
+    pub fn cover_along_with(
         &self,
         sensors: &[Vec<BoxPose>],
         instructions: Instructions,
-    ) -> Result<Seen, ExperimentError> {
+    ) -> Result<Covered, ExperimentError> {
         let Some(faces) = &self.faces else {
-            return self.see_along_by_definition(sensors);
+            return self.cover_along_by_definition(sensors);
         };
         self.check_poses(sensors)?;
         let see = |poses: &Vec<BoxPose>| anywhere::see(self, faces, poses, instructions);
         let (bitmaps, lost_rays) = sensors.par_iter().map(see).unzip();
-        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+        Ok(Covered { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
     /// The poses of each sensor along the walk.
@@ -251,16 +252,21 @@ impl Simulator {
     }
 
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.
-    pub fn coverage_by_definition(&self, sensors: &[MountDeg]) -> Result<Seen, ExperimentError> {
+    pub fn coverage_by_definition(&self, sensors: &[MountDeg]) -> Result<Covered, ExperimentError> {
         self.check(sensors)?;
-        self.join(sensors, |simulator, sensors| simulator.see_along_by_definition(&simulator.walks(sensors)))
+        self.join(sensors, |simulator, sensors| {
+            simulator.cover_along_by_definition(&simulator.walks(sensors))
+        })
     }
 
-    /// What [`Simulator::see_along`] must find, straight from the definition.
-    pub(crate) fn see_along_by_definition(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
+    /// What [`PublishedBox::cover_along`] must find, straight from the definition.
+    pub(crate) fn cover_along_by_definition(
+        &self,
+        sensors: &[Vec<BoxPose>],
+    ) -> Result<Covered, ExperimentError> {
         self.check_poses(sensors)?;
         let (bitmaps, lost_rays) = sensors.iter().map(|poses| brute::see(self, poses)).unzip();
-        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+        Ok(Covered { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
     fn check_poses(&self, sensors: &[Vec<BoxPose>]) -> Result<(), ExperimentError> {
@@ -285,7 +291,9 @@ impl Simulator {
         Ok(())
     }
 
-    fn check(&self, sensors: &[MountDeg]) -> Result<(), ExperimentError> {
+    /// # Errors
+    /// The experiment cannot hold these sensors.
+    pub(crate) fn check(&self, sensors: &[MountDeg]) -> Result<(), ExperimentError> {
         if sensors.is_empty() {
             return Err(ExperimentError::NoSensors);
         }
@@ -321,7 +329,7 @@ impl Simulator {
 
 /// What sensors saw.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
+pub struct Covered {
     /// Voxels by sensor.
     pub coverage: Coverage,
     /// Rays that the quirk lost, by sensor.
@@ -349,10 +357,10 @@ mod tests {
             (Experiment { sub_poses: 0, ..good }, "0 poses"),
             (Experiment { roll: Roll::Fixed(f64::INFINITY), ..good }, "fixed roll"),
         ] {
-            let error = Simulator::new(&bad).unwrap_err().to_string();
+            let error = PublishedBox::new(&bad).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
-        let simulator = Simulator::new(&good).unwrap();
+        let simulator = PublishedBox::new(&good).unwrap();
         assert_eq!(simulator.reachable(), 35_048);
         let outside = MountDeg { x_m: 5.0, ..MountDeg::default() };
         assert_eq!(
@@ -390,9 +398,9 @@ mod tests {
                     roll: Roll::Free,
                     ..Experiment::published(&VLP_16)
                 };
-                let simulator = Simulator::new(&experiment).unwrap();
+                let simulator = PublishedBox::new(&experiment).unwrap();
                 let sensors = experiment.sensors(&masters.map(MountDeg::from));
-                let fast = simulator.see(&sensors).unwrap();
+                let fast = simulator.cover(&sensors).unwrap();
                 let definition = simulator.coverage_by_definition(&sensors).unwrap();
                 assert_eq!(fast.lost_rays, definition.lost_rays, "{experiment:?}");
                 assert!(fast == definition, "{experiment:?}");
@@ -407,7 +415,7 @@ mod tests {
         let mut rng = crate::base::rng::Rng::new(5, 0);
         for (preset, phase) in [(&OS1_64, Phase::Locked), (&VLP_16, Phase::Free)] {
             let experiment = Experiment { phase, azimuths: 36, ..Experiment::published(preset) };
-            let simulator = Simulator::new(&experiment).unwrap();
+            let simulator = PublishedBox::new(&experiment).unwrap();
             let mut poses: Vec<BoxPose> = (0..40)
                 .map(|_| {
                     let axis = glam::DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
@@ -442,24 +450,26 @@ mod tests {
                 poses.push(BoxPose { rows, origin_m: [3.0, 1.0, 2.0], turn: 0.0 });
             }
             let sensors = [poses[..20].to_vec(), poses[20..].to_vec()];
-            let definition = simulator.see_along_by_definition(&sensors).unwrap();
+            let definition = simulator.cover_along_by_definition(&sensors).unwrap();
             assert!(definition.lost_rays[1] > 0 || phase == Phase::Free);
             for instructions in Instructions::available() {
-                let seen = simulator.see_along_with(&sensors, instructions).unwrap();
+                let seen = simulator.cover_along_with(&sensors, instructions).unwrap();
                 assert!(seen == definition, "{instructions:?}, {phase:?}");
             }
         }
-        let simulator = Simulator::new(&Experiment::published(&VLP_16)).unwrap();
+        let simulator = PublishedBox::new(&Experiment::published(&VLP_16)).unwrap();
         let level = BoxPose { rows: [[0.0; 3]; 3], origin_m: [0.0, 0.0, 1.0], turn: 0.0 };
         let outside = BoxPose { origin_m: [0.0, 0.0, 20.0], ..level };
-        assert_eq!(simulator.see_along(&[vec![outside]]), Err(ExperimentError::OutsideBox { sensor: 1 }));
+        assert_eq!(simulator.cover_along(&[vec![outside]]), Err(ExperimentError::OutsideBox { sensor: 1 }));
         let nan = BoxPose { turn: f64::NAN, ..level };
-        assert!(simulator.see_along(&[vec![level], vec![nan]]).unwrap_err().to_string().contains("sensor 2"));
+        assert!(
+            simulator.cover_along(&[vec![level], vec![nan]]).unwrap_err().to_string().contains("sensor 2")
+        );
     }
 
     #[test]
     fn coincident_sensors_see_the_same_and_nothing_alone() {
-        let simulator = Simulator::new(&Experiment::published(&VLP_16)).unwrap();
+        let simulator = PublishedBox::new(&Experiment::published(&VLP_16)).unwrap();
         let sensor = MountDeg { pitch_deg: 21.0, ..MountDeg::default() };
         let counts = simulator.count(&[sensor, sensor]).unwrap();
         assert_eq!(counts.per_sensor, [counts.union; 2]);

@@ -7,7 +7,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{Simulator, brute};
+use super::{PublishedBox, brute};
 use crate::rig::MountRegion;
 
 /// Of a hit, m: above what rounding in the simulator can do, far below a voxel.
@@ -37,15 +37,15 @@ struct Hits {
 
 /// The mounts of a region in a simulator's box.
 struct Caster<'a> {
-    simulator: &'a Simulator,
+    simulator: &'a PublishedBox,
     /// In the box, but for the walk.
     mount_m: [Interval; 3],
     /// No ray through the box is longer, and directions have length 1.
     longest_m: f64,
 }
 
-impl Simulator {
-    /// What the mounts of a region see. Each must be a mount that [`Simulator::see`] takes.
+impl PublishedBox {
+    /// What the mounts of a region see. Each must be a mount that [`PublishedBox::cover`] takes.
     pub(crate) fn reach(&self, region: &MountRegion) -> Reach {
         let words = self.cells.iter().product::<usize>().div_ceil(64);
         let mut reach = Reach { possible: vec![0; words], certain: vec![0; words] };
@@ -275,7 +275,7 @@ mod tests {
         ] {
             let experiment =
                 Experiment { path, phase, roll, azimuths: 60, ..Experiment::published(&PRESETS[1]) };
-            let simulator = Simulator::new(&experiment).unwrap();
+            let simulator = PublishedBox::new(&experiment).unwrap();
             for size in [0.0, 0.02] {
                 let ranges = [(-0.1, 0.15), (-0.25, 0.25), (-0.15, 0.15), (-90.0, 90.0), (-60.0, 60.0)];
                 let low = ranges.map(|(low, high)| rng.between(low, high - size * (high - low)));
@@ -292,7 +292,7 @@ mod tests {
                 let [low, high] = [region.low, region.high].map(<[f64; 5]>::from);
                 for _ in 0..3 {
                     let inside: [f64; 5] = std::array::from_fn(|at| rng.between(low[at], high[at]));
-                    let seen = simulator.see(&[inside.into()]).unwrap().coverage.union();
+                    let seen = simulator.cover(&[inside.into()]).unwrap().coverage.union();
                     assert!(is_within(&seen, &reach.possible), "{path:?} {size}: {inside:?}");
                     assert!(is_within(&reach.certain, &seen), "{path:?} {size}: {inside:?}");
                 }

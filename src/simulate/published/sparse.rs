@@ -1,9 +1,9 @@
 //! Some of the rays of one pose, with what they hit: enough for the registration strength of a scan.
 
-use super::{Simulator, brute};
+use super::{PublishedBox, brute};
 use crate::rig::MountDeg;
 
-impl Simulator {
+impl PublishedBox {
     /// Hits of every `column_step`-th column of a sensor at a pose (counted from 0): place relative to the body, m, and
     /// the wall's unit normal, turned against the ray; axes of the mount frame. Rays along an axis are not lost here.
     pub(crate) fn sparse_hits(

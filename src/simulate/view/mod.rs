@@ -1,12 +1,14 @@
 //! What rigs see of one site: a scene, a trajectory through it and the grid that counts.
 //!
-//! Two views answer: [`CastView`] casts every beam and is exact; [`CellView`] looks at the voxels from the sensor's side, has
-//! a stated error, and takes a hundredth of the time. Candidates come in batches: that is what makes it fast.
+//! Several views answer: [`CastView`] casts every beam and is exact; [`CellView`] looks at the voxels from the sensor's side,
+//! has a stated error, and takes a hundredth of the time; [`super::published::PublishedBox`] is the published experiment to
+//! the bit; [`MapView`] looks at a map that is being recorded. Candidates come in batches: that is what makes it fast.
 
 mod at_rest;
 mod cast;
 mod cells;
 mod fan;
+mod map;
 mod scans;
 mod sites;
 mod sphere;
@@ -17,6 +19,8 @@ pub use cast::{CastView, Precision};
 pub(crate) use cells::CellHasher;
 pub use cells::{BuildCost, CellView, Fineness};
 pub use fan::{Fan, Sampling};
+pub use map::MapCells;
+pub(crate) use map::MapView;
 pub use scans::Scans;
 pub(crate) use sites::{CastSites, CellSites};
 
@@ -87,7 +91,8 @@ impl Seen {
         if self.union > 0.0 { self.overlap / self.union } else { 0.0 }
     }
 
-    pub(crate) fn exact(counts: &Counts, rays: u64) -> Self {
+    /// What was counted, by so many rays.
+    pub fn exact(counts: &Counts, rays: u64) -> Self {
         Self {
             per_sensor: counts.per_sensor.iter().map(|count| *count as f64).collect(),
             union: counts.union as f64,

@@ -108,10 +108,10 @@ fn converged(part: &str, preset: &str, seed: u64) -> SearchTask {
 
 /// The published re-score with noisy rays.
 fn rescore(found: &mut Found, seed: u64) -> Result<(), StudyError> {
-    let simulator = found.objective.simulator();
-    let sensors = simulator.experiment().sensors(&found.masters);
-    let seen = simulator.see_spread(&sensors, PUBLISHED_SPREAD_DEG, seed).map_err(StudyError::of)?;
-    let noisy = found.objective.score_counts(&sensors, &seen.coverage.counts());
+    let view = found.objective.simulator();
+    let sensors = view.experiment().sensors(&found.masters);
+    let seen = view.cover_spread(&sensors, PUBLISHED_SPREAD_DEG, seed).map_err(StudyError::of)?;
+    let noisy = found.objective.score_counts(&found.objective.mounted(&sensors), &seen.coverage.counts());
     found.row.insert("j_noisy".into(), json!(noisy.objective));
     found.row.insert("unique_voxels_noisy".into(), json!(noisy.unique_voxels));
     found.row.insert("overlap_ratio_noisy".into(), json!(noisy.overlap_ratio));

@@ -5,9 +5,10 @@ use rayon::prelude::*;
 use super::cases::{Case, Scored, Site};
 use crate::design::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
 use crate::design::objective::{ExperimentError, Objective, PUBLISHED_SPREAD_DEG};
-use crate::rig::{Mount, MountDeg, Phase};
+use crate::rig::{Mount, Phase, Rig};
 use crate::simulate::detection::Detection;
 use crate::simulate::scan::SensorErrors;
+use crate::simulate::view::Seen;
 use crate::study::StudyError;
 
 /// A method to compute coverage.
@@ -189,11 +190,11 @@ impl Model {
 pub(super) fn box_scores(
     objective: &Objective,
     model: &Model,
-    random: &[Vec<MountDeg>],
-    line: &[Vec<MountDeg>],
+    random: &[Rig],
+    line: &[Rig],
 ) -> Result<Scored, StudyError> {
     if *model == Model::Auto {
-        let published = random.first().map_or(0, |sensors| objective.rays(sensors));
+        let published = random.first().map_or(0, |rig| objective.simulator().rays(rig));
         return auto(&BoxLadder::new(objective).map_err(StudyError::of)?, published, random, line);
     }
     let published_m = objective.simulator().experiment().voxel_m;
@@ -215,19 +216,20 @@ pub(super) fn box_scores(
     let experiment = objective.simulator().experiment();
     // a wall has the fewer cells, the larger they are
     let scale = (experiment.voxel_m / published_m).powi(2);
-    let score = |sensors: &Vec<MountDeg>| {
+    let score = |rig: &Rig| {
         let simulator = objective.simulator();
+        let sensors = &simulator.sensors(rig);
         let mut counts = match model {
-            Model::Spread => simulator.see_spread(sensors, PUBLISHED_SPREAD_DEG, 1)?.coverage.counts(),
+            Model::Spread => simulator.cover_spread(sensors, PUBLISHED_SPREAD_DEG, 1)?.coverage.counts(),
             Model::Definition => simulator.coverage_by_definition(sensors)?.coverage.counts(),
-            Model::AnyPoses => simulator.see_along(&simulator.walks(sensors))?.coverage.counts(),
+            Model::AnyPoses => simulator.cover_along(&simulator.walks(sensors))?.coverage.counts(),
             _ => simulator.count(sensors)?,
         };
         counts.union = (counts.union as f64 * scale).round() as u64;
         counts.overlap = (counts.overlap as f64 * scale).round() as u64;
-        Ok(objective.terms(sensors, &counts, None).objective())
+        Ok(objective.terms(rig, &Seen::exact(&counts, 0), None).objective())
     };
-    let scores = |mounts: &[Vec<MountDeg>]| -> Result<Vec<f64>, StudyError> {
+    let scores = |mounts: &[Rig]| -> Result<Vec<f64>, StudyError> {
         mounts.par_iter().map(score).collect::<Result<_, ExperimentError>>().map_err(StudyError::of)
     };
     Ok(Scored::plain(scores(random)?, scores(line)?, 2.0 * experiment.rays_per_sensor() as f64))

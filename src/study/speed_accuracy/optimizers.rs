@@ -38,7 +38,7 @@ pub(super) fn run(task: &Value) -> Result<Vec<Row>, StudyError> {
     let task = searches::task(task)?;
     let mut found = task.run()?;
     let converged = searches::sampled(&found.objective, CONVERGED)?;
-    let converged = converged.score_sensors(&converged.sensors(&found.masters)).map_err(StudyError::of)?;
+    let converged = converged.score(&converged.rig(&found.masters)).map_err(StudyError::of)?;
     found.row.insert("j_converged".into(), json!(converged));
     Ok(vec![found.row])
 }

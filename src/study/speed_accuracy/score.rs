@@ -7,7 +7,7 @@ use crate::base::rng::Rng;
 use crate::design::fidelity::SceneLadder;
 use crate::design::objective::Objective;
 use crate::recording::read_trajectory;
-use crate::rig::{Mount, MountDeg};
+use crate::rig::{Mount, MountDeg, Rig};
 use crate::study::{StudyError, walks};
 use crate::world::scene::{LoadedMesh, Scene, load_mesh};
 use std::path::Path;
@@ -44,8 +44,8 @@ impl Case {
             Site::Box { preset, walk } => {
                 let objective = Objective::published(preset, |experiment| experiment.path = walk);
                 let objective = objective.map_err(StudyError::of)?;
-                let pairs = |masters: &[MountDeg]| -> Vec<Vec<MountDeg>> {
-                    masters.iter().map(|master| objective.sensors(&[*master])).collect()
+                let pairs = |masters: &[MountDeg]| -> Vec<Rig> {
+                    masters.iter().map(|master| objective.rig(&[*master])).collect()
                 };
                 box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
             }

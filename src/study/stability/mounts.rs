@@ -37,7 +37,7 @@ fn on_their_side(_quick: bool) -> Result<Measured, StudyError> {
     let mut seen = Vec::new();
     for pitch_deg in [-90.0, -89.999_999, 0.0, 89.999_999, 90.0] {
         let sensors = [MountDeg { x_m: 0.1, pitch_deg, ..MountDeg::default() }];
-        let fast = simulator.see(&sensors).map_err(StudyError::of)?;
+        let fast = simulator.cover(&sensors).map_err(StudyError::of)?;
         let exact = simulator.coverage_by_definition(&sensors).map_err(StudyError::of)?;
         let (fast, exact) = (fast.coverage.union(), exact.coverage.union());
         differing += fast.iter().zip(&exact).map(|(a, b)| (a ^ b).count_ones()).sum::<u32>();
@@ -58,7 +58,8 @@ fn on_their_side(_quick: bool) -> Result<Measured, StudyError> {
 fn coincident(_quick: bool) -> Result<Measured, StudyError> {
     let objective = objective("paper-os1-64", Path::Lateral)?;
     let one = MountDeg { x_m: 0.1, pitch_deg: 30.0, ..MountDeg::default() };
-    let evaluate = |sensors: &[MountDeg]| objective.evaluate_sensors(sensors).map_err(StudyError::of);
+    let evaluate =
+        |sensors: &[MountDeg]| objective.evaluate_rig(&objective.mounted(sensors)).map_err(StudyError::of);
     let (single, twice) = (evaluate(&[one])?, evaluate(&[one, one])?);
     let gained = twice.unique_voxels as f64 - single.unique_voxels as f64;
     let says = twice.violations.first().map(|violation| violation.to_string());

@@ -5,7 +5,7 @@ use crate::base::statistics::index_of_max;
 use crate::design::fidelity::{BoxLadder, Rules, rank};
 use crate::design::objective::Objective;
 use crate::design::robustness::{Robustness, Tolerance};
-use crate::rig::{MountDeg, Path};
+use crate::rig::{MountDeg, Path, Rig};
 use crate::study::StudyError;
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::{BoxScene, Scene};
@@ -40,14 +40,14 @@ pub(super) fn objective(preset: &str, path: Path) -> Result<Objective, StudyErro
 }
 
 /// The mirrored pair of a pitch.
-pub(super) fn pair(objective: &Objective, pitch_deg: f64) -> Vec<MountDeg> {
+pub(super) fn pair(objective: &Objective, pitch_deg: f64) -> Rig {
     let master = MountDeg { x_m: 0.1, pitch_deg, ..MountDeg::default() };
-    objective.sensors(&[master])
+    objective.rig(&[master])
 }
 
 /// Score of a pair.
 pub(super) fn score(objective: &Objective, pitch_deg: f64) -> Result<f64, StudyError> {
-    objective.score_sensors(&pair(objective, pitch_deg)).map_err(StudyError::of)
+    objective.score(&pair(objective, pitch_deg)).map_err(StudyError::of)
 }
 
 /// The same objective with ten times the azimuths, eight poses per metre and a free phase; a tenth of that in a hurry.
@@ -68,7 +68,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
     let (seen, truth) = (line(&published)?, line(&reference)?);
     let (chosen, best) = (index_of_max(&seen), index_of_max(&truth));
     let regret = |at: usize| 100.0 * (truth[best] - truth[at]) / truth[best];
-    let pairs: Vec<Vec<MountDeg>> = pitches.iter().map(|pitch| pair(&published, *pitch)).collect();
+    let pairs: Vec<Rig> = pitches.iter().map(|pitch| pair(&published, *pitch)).collect();
     let ladder = BoxLadder::new(&published).map_err(StudyError::of)?;
     let own_rays = published.simulator().experiment().rays_per_sensor() as f64 * 2.0;
     let rules = Rules { tolerance: 1e-3, rays_per_candidate: 10.0 * own_rays };

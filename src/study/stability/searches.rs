@@ -35,10 +35,10 @@ fn seeds(method: Kind, quick: bool) -> Result<Measured, StudyError> {
     let (mean, sd) = mean_and_deviation(&scores);
     let worst = scores.iter().copied().fold(f64::INFINITY, f64::min);
     let first = &found[0];
-    let sensors = first.objective.sensors(&first.masters);
+    let rig = first.objective.rig(&first.masters);
     let tolerance = Tolerance { position_m: 0.01, angle_deg: 1.0, free_phase: true };
     let built = Robustness::new(&first.objective, tolerance, 64, 1).map_err(StudyError::of)?;
-    let built = built.spread(&sensors).map_err(StudyError::of)?;
+    let built = built.spread(&rig).map_err(StudyError::of)?;
     Ok(Measured::judge(
         sd / built.deviation,
         "times the spread of a rig built to 1 cm and 1 degree is what seeds differ by",

@@ -29,8 +29,8 @@ fn saturation(quick: bool) -> Result<Measured, StudyError> {
     let pitches: Vec<f64> = (0..=90).step_by(if quick { 6 } else { 1 }).map(f64::from).collect();
     let alike = |objective: &Objective| -> Result<f64, StudyError> {
         let seen = |pitch: &f64| {
-            let counts = objective.simulator().count(&super::sampling::pair(objective, *pitch));
-            counts.map(|counts| counts.union).map_err(StudyError::of)
+            let found = objective.evaluate_rig(&super::sampling::pair(objective, *pitch));
+            found.map(|found| found.unique_voxels).map_err(StudyError::of)
         };
         let unions: Vec<u64> = pitches.iter().map(seen).collect::<Result<_, _>>()?;
         let most = unions.iter().max().copied().unwrap_or(0);
@@ -41,8 +41,7 @@ fn saturation(quick: bool) -> Result<Measured, StudyError> {
             pitches.iter().map(|pitch| score(&coarse, *pitch)).collect::<Result<_, _>>()?;
         pitches[index_of_max(&scores)]
     };
-    let evaluation =
-        coarse.evaluate_sensors(&super::sampling::pair(&coarse, best)).map_err(StudyError::of)?;
+    let evaluation = coarse.evaluate_rig(&super::sampling::pair(&coarse, best)).map_err(StudyError::of)?;
     Ok(Measured::judge(
         alike(&coarse)?,
         "% of the pitches see as many voxels as the best",

@@ -10,6 +10,8 @@ mod strays;
 use cell_walk::CellWalk;
 pub use strays::Strays;
 
+use std::collections::HashSet;
+
 use glam::DVec3;
 
 use super::Hit;
@@ -27,7 +29,7 @@ pub enum Cell {
 }
 
 /// Where a ray ends, before a range is drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Sight {
     /// An occupied cell.
     Surface([i32; 3]),
@@ -181,17 +183,33 @@ impl VoxelMap {
         counts
     }
 
-    /// Mean of the hits of every occupied cell, m.
-    pub(crate) fn occupied_m(&self) -> impl Iterator<Item = DVec3> + '_ {
+    fn occupied(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
         let least_hits = self.least_hits;
         self.index.bricks().iter().zip(&self.bricks).flat_map(move |(place, brick)| {
-            (0..CELLS).filter(move |inside| brick.state(*inside, least_hits) == Cell::Occupied).filter_map(
+            (0..CELLS).filter(move |inside| brick.state(*inside, least_hits) == Cell::Occupied).map(
                 move |inside| {
                     let edge = [inside % 8, inside / 8 % 8, inside / 64].map(|at| at as i32);
-                    self.mean_m([0, 1, 2].map(|axis| place[axis] * 8 + edge[axis]))
+                    [0, 1, 2].map(|axis| place[axis] * 8 + edge[axis])
                 },
             )
         })
+    }
+
+    /// Mean of the hits of every occupied cell, m.
+    pub(crate) fn occupied_m(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.occupied().filter_map(|cell| self.mean_m(cell))
+    }
+
+    /// Every cell that some ray could end in.
+    pub(crate) fn sights(&self) -> HashSet<Sight> {
+        let mut last = LastRegion::default();
+        let mut sights = HashSet::new();
+        for cell in self.occupied() {
+            sights.insert(Sight::Surface(cell));
+            let unknown = neighbours(cell).filter(|cell| self.state(*cell, &mut last) == Cell::Unknown);
+            sights.extend(unknown.map(Sight::Frontier));
+        }
+        sights
     }
 
     /// Least axis-aligned box around the cells that were hit, m; an empty box at the origin when there is none.
@@ -280,13 +298,8 @@ impl VoxelMap {
         frontier
     }
 
-    /// Whether one of the 6 cells around is occupied.
     fn touches_surface(&self, cell: [i32; 3], last: &mut LastRegion) -> bool {
-        (0..6).any(|side| {
-            let mut neighbour = cell;
-            neighbour[side / 2] = neighbour[side / 2].saturating_add(if side % 2 == 0 { 1 } else { -1 });
-            self.state(neighbour, last) == Cell::Occupied
-        })
+        neighbours(cell).any(|cell| self.state(cell, last) == Cell::Occupied)
     }
 
     /// Bytes held.
@@ -373,6 +386,15 @@ impl Brick {
             (false, _) => Cell::Unknown,
         }
     }
+}
+
+/// The 6 cells around one.
+fn neighbours(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
+    (0..6).map(move |side| {
+        let mut neighbour = cell;
+        neighbour[side / 2] = neighbour[side / 2].saturating_add(if side % 2 == 0 { 1 } else { -1 });
+        neighbour
+    })
 }
 
 /// Part of a ray inside a box: distances at which it enters and leaves, m.

@@ -11,7 +11,7 @@ mod sweep;
 mod view;
 
 use super::elements::WIDTH;
-use super::{BoxPose, Simulator, brute};
+use super::{BoxPose, PublishedBox, brute};
 use crate::base::instructions::Instructions;
 use view::View;
 
@@ -47,7 +47,7 @@ struct Face {
 
 impl Faces {
     /// None where numbers would not fit an f32: extremely many voxels, beams that are almost upright.
-    pub(crate) fn new(simulator: &Simulator) -> Option<Self> {
+    pub(crate) fn new(simulator: &PublishedBox) -> Option<Self> {
         const MOST_CELLS: usize = 1 << 11;
         const STEEPEST: f64 = 8.0;
         let cells = simulator.cells;
@@ -89,7 +89,7 @@ impl Faces {
     }
 
     /// Sine and cosine of an azimuth as the definition has them.
-    fn azimuth(&self, simulator: &Simulator, pose: &BoxPose, azimuth: usize) -> (f64, f64) {
+    fn azimuth(&self, simulator: &PublishedBox, pose: &BoxPose, azimuth: usize) -> (f64, f64) {
         if pose.turn == 0.0 {
             (self.azimuths[0][azimuth], self.azimuths[1][azimuth])
         } else {
@@ -143,7 +143,7 @@ impl Faces {
 
 /// Bitmap of what a sensor sees from poses, and the number of rays that the quirk lost.
 pub(super) fn see(
-    simulator: &Simulator,
+    simulator: &PublishedBox,
     faces: &Faces,
     poses: &[BoxPose],
     instructions: Instructions,

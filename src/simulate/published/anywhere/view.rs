@@ -19,12 +19,12 @@
 //! are within their bounds of a face, so is every beam between them, and a beam that is further from every voxel's face
 //! than its bound is inside.
 
-use super::{BoxPose, Faces, Simulator, brute};
+use super::{BoxPose, Faces, PublishedBox, brute};
 use crate::simulate::published::elements::fused_f32;
 
 /// One pose seen from the voxel grid.
 pub(super) struct View<'a> {
-    pub simulator: &'a Simulator,
+    pub simulator: &'a PublishedBox,
     pub pose: &'a BoxPose,
     /// What is added to every azimuth, as an angle's sine and cosine.
     pub turn_sin_cos: (f64, f64),
@@ -63,7 +63,7 @@ pub(super) struct FaceView {
 
 impl<'a> View<'a> {
     /// None where numbers might leave the range of an f32: rows that are far from those of a rotation.
-    pub(crate) fn new(simulator: &'a Simulator, faces: &Faces, pose: &'a BoxPose) -> Option<Self> {
+    pub(crate) fn new(simulator: &'a PublishedBox, faces: &Faces, pose: &'a BoxPose) -> Option<Self> {
         let lengths = pose.rows.map(|[x, y, z]| x.hypot(y).hypot(z));
         if !lengths.iter().all(|length| (0.5..=2.0).contains(length)) {
             return None;
@@ -158,7 +158,7 @@ mod tests {
         for voxel_m in [5.0, 0.5, 0.1] {
             let experiment =
                 Experiment { voxel_m, ..Experiment::published(Preset::named("paper-os1-64").unwrap()) };
-            let simulator = Simulator::new(&experiment).unwrap();
+            let simulator = PublishedBox::new(&experiment).unwrap();
             let faces = Faces::new(&simulator).unwrap();
             for _ in 0..600 {
                 let axis = glam::DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();

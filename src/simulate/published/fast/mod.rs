@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use super::elements::WIDTH;
 use super::shell::{Shell, ShellSize};
-use super::{Simulator, brute};
+use super::{PublishedBox, brute};
 use crate::base::instructions::Instructions;
 use crate::rig::{MountDeg, Path, Phase};
 use sweep::View;
@@ -37,7 +37,7 @@ pub(super) struct Plan {
 impl Plan {
     /// None where the pattern turns from pose to pose, and where the numbers of the fast method would not fit: extremely
     /// many voxels.
-    pub(crate) fn new(simulator: &Simulator) -> Option<Self> {
+    pub(crate) fn new(simulator: &PublishedBox) -> Option<Self> {
         let experiment = &simulator.experiment;
         if experiment.phase == Phase::Free {
             return None;
@@ -100,7 +100,7 @@ const WORTH_A_THREAD: usize = 8192;
 
 /// What each sensor sees, settled. One of a mirrored pair is derived from the other where that is exact.
 pub(super) fn see(
-    simulator: &Simulator,
+    simulator: &PublishedBox,
     plan: &Plan,
     sensors: &[MountDeg],
     instructions: Instructions,
@@ -132,7 +132,7 @@ struct Ray {
 
 #[derive(Clone, Copy)]
 struct Looker<'a> {
-    simulator: &'a Simulator,
+    simulator: &'a PublishedBox,
     plan: &'a Plan,
     instructions: Instructions,
 }

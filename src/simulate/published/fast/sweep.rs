@@ -9,7 +9,7 @@ use super::hits::{Hits, Undecided};
 use super::{Plan, axes};
 use crate::base::instructions::{Instructions, Level};
 use crate::rig::MountDeg;
-use crate::simulate::published::Simulator;
+use crate::simulate::published::PublishedBox;
 use crate::simulate::published::elements::{
     Directions, TINY, TO_WHOLE, WIDTH, exact_directions, fused, greater, smaller,
 };
@@ -36,7 +36,7 @@ pub(super) struct View {
 
 impl View {
     pub(crate) fn new(
-        simulator: &Simulator,
+        simulator: &PublishedBox,
         plan: &Plan,
         sensor: &MountDeg,
         class: usize,
