@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use serialport::{SerialPort, TTYPort};
 
 use super::LinkError;
+use super::port::open_port;
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 
@@ -20,9 +21,8 @@ impl BusPort {
     /// Opens an adapter, for this program alone.
     pub(crate) fn open(path: &Path, baud: u32) -> Result<Self, LinkError> {
         let path = path.display().to_string();
-        let failed = |error| LinkError::refused(&path, &error);
-        let port = serialport::new(&path, baud).timeout(WRITE_TIMEOUT).open_native().map_err(failed)?;
-        port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
+        let port = open_port(&path, baud, WRITE_TIMEOUT)?;
+        port.clear(serialport::ClearBuffer::Input).map_err(|error| LinkError::refused(&path, &error))?;
         Ok(Self { path, port })
     }
 

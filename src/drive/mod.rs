@@ -18,6 +18,7 @@ mod held;
 mod hosted;
 mod link;
 mod open;
+mod port;
 mod report;
 mod rig;
 mod serial;

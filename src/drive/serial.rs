@@ -12,6 +12,7 @@ use firmware_protocol::{Frame, LinkCounters, Receiver as FrameReceiver};
 use serialport::{SerialPort, TTYPort};
 
 use super::framing::Framing;
+use super::port::open_port;
 use super::slcan::{self, BitRate, SlcanReceiver};
 use super::{Link, LinkError, Received};
 use crate::live::clocks::host::steady_now_ns;
@@ -51,7 +52,7 @@ impl SerialLink {
     fn open_framed(path: &Path, slcan: Option<BitRate>) -> Result<Self, LinkError> {
         let path = path.display().to_string();
         let failed = |error| LinkError::refused(&path, &error);
-        let mut port = serialport::new(&path, BAUD).timeout(READ_TIMEOUT).open_native().map_err(failed)?;
+        let mut port = open_port(&path, BAUD, READ_TIMEOUT)?;
         let mut input = port.try_clone_native().map_err(failed)?;
         port.set_timeout(WRITE_TIMEOUT).map_err(failed)?;
         input.set_timeout(READ_TIMEOUT).map_err(failed)?;
