@@ -4,22 +4,19 @@
 //! scene's surface are hit. Searched in turn (first the walk with the mount of a level pair, then the mount on that walk) and
 //! both at once, with as many evaluations in all.
 
-use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::mesh_site::MeshSite;
 use super::rows::{Row, chosen, numbers, row_of};
 use super::{Claim, Findings, Size, Spread, Study, StudyError, Table, Verdict};
 use crate::design::optimize::{Kind, Measured, Search, Settings, Space, Variable};
 use crate::report::chart;
 use crate::rig::Mount;
-use crate::simulate::fan::BeamFan;
-use crate::world::coverage::VoxelGrid;
-use crate::world::scene::{Scene, load_mesh};
+use crate::simulate::view::View as _;
 use crate::world::trajectory::Trajectory;
 
 const CORNERS: usize = 4;
@@ -27,10 +24,9 @@ const LONGEST_M: f64 = 12.0;
 const HEIGHT_M: f64 = 1.6;
 /// The body keeps this far from surfaces.
 const CLEARANCE_M: f64 = 0.35;
-const VOXEL_M: f64 = 0.2;
 const SPEED_M_S: f64 = 1.2;
 const TURN_RAD_S: f64 = 1.5;
-const COLUMNS: usize = 90;
+const COLUMNS: u32 = 90;
 const SCANS_PER_S: f64 = 2.0;
 /// The last has the fewest rays: a quick study takes it alone.
 const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
@@ -90,7 +86,7 @@ impl Study for Joint {
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
-        let place = Site::new(&task.scene, &task.sensor)?;
+        let place = Site(MeshSite::new(&task.scene, &task.sensor)?);
         let (walk, mount) = (place.walk_variables(), mount_variables());
         let level = LEVEL.to_vec();
         let found = if task.part == "together" {
@@ -227,24 +223,11 @@ fn search(
     Ok(best.candidate.values.clone())
 }
 
-/// A scene, its grid and the beams that look at it.
-struct Site {
-    scene: Scene,
-    grid: VoxelGrid,
-    fan: BeamFan,
-}
+struct Site(MeshSite);
 
 impl Site {
-    fn new(path: &Path, sensor: &str) -> Result<Self, StudyError> {
-        let loaded = load_mesh(path, None, None).map_err(StudyError::of)?;
-        let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
-        let scene = Scene::Mesh(Arc::new(loaded.mesh));
-        let grid = VoxelGrid::centred_on(scene.bounds_m(), VOXEL_M);
-        Ok(Self { scene, grid, fan: BeamFan::nominal(&model, COLUMNS, SCANS_PER_S) })
-    }
-
     fn walk_variables(&self) -> Vec<Variable> {
-        let [low_m, high_m] = self.scene.bounds_m();
+        let [low_m, high_m] = self.0.scene.bounds_m();
         let corner = |corner: usize| {
             [
                 variable(format!("corner {} x_m", corner + 1), low_m.x, high_m.x, 0),
@@ -255,7 +238,7 @@ impl Site {
     }
 
     fn corners_m(&self, walk: &[f64]) -> Vec<DVec3> {
-        let height_m = self.scene.bounds_m()[0].z + HEIGHT_M;
+        let height_m = self.0.scene.bounds_m()[0].z + HEIGHT_M;
         walk.chunks_exact(2).map(|at| DVec3::new(at[0], at[1], height_m)).collect()
     }
 
@@ -263,7 +246,8 @@ impl Site {
     fn measure(&self, walk: &[f64], mount: &[f64]) -> Result<Measured, StudyError> {
         let corners_m = self.corners_m(walk);
         let violation = (length_m(&corners_m) - LONGEST_M).max(0.0) + self.blocked_m(&corners_m);
-        let Ok(trajectory) = Trajectory::polyline(&corners_m, SPEED_M_S, TURN_RAD_S, 0) else {
+        let walk = Trajectory::polyline(&corners_m, SPEED_M_S, TURN_RAD_S, 0);
+        let Some(view) = walk.ok().and_then(|walk| self.0.view(walk, COLUMNS, SCANS_PER_S).ok()) else {
             // all corners in one place
             return Ok(Measured { score: 0.0, violation: violation + 1.0, rays: 0 });
         };
@@ -274,9 +258,8 @@ impl Site {
             pitch_rad: mount[3].to_radians(),
             ..Mount::default()
         };
-        let mounts = [master, master.mirrored()];
-        let (coverage, rays) = self.fan.coverage(&self.scene, &trajectory, &mounts, &self.grid);
-        Ok(Measured { score: coverage.union_count() as f64, violation, rays })
+        let seen = view.see(&[self.0.rig(&[master, master.mirrored()])]).swap_remove(0);
+        Ok(Measured { score: seen.union, violation, rays: seen.rays })
     }
 
     /// How far the walk leads through or too close to surfaces, and how open the scene is around its corners, m.
@@ -286,7 +269,7 @@ impl Site {
             let step = pair[1] - pair[0];
             let length_m = step.length();
             if length_m > 1e-6
-                && let Some(hit) = self.scene.cast(pair[0], step / length_m)
+                && let Some(hit) = self.0.scene.cast(pair[0], step / length_m)
             {
                 blocked_m += (length_m + CLEARANCE_M - hit.distance_m).max(0.0);
             }
@@ -295,12 +278,12 @@ impl Site {
             for feeler in 0..FEELERS {
                 let (sin, cos) = (std::f64::consts::TAU * feeler as f64 / FEELERS as f64).sin_cos();
                 // nothing around: outside the building
-                blocked_m += match self.scene.cast(*corner_m, DVec3::new(cos, sin, 0.0)) {
+                blocked_m += match self.0.scene.cast(*corner_m, DVec3::new(cos, sin, 0.0)) {
                     Some(hit) => (CLEARANCE_M - hit.distance_m).max(0.0),
                     None => 1.0,
                 };
             }
-            if self.scene.cast(*corner_m, DVec3::Z).is_none() {
+            if self.0.scene.cast(*corner_m, DVec3::Z).is_none() {
                 blocked_m += 1.0;
             }
         }

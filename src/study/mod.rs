@@ -5,6 +5,7 @@
 //! same to the byte. Measured times are the exception; fields that hold one begin with `wall_` and are stored apart.
 
 mod joint;
+mod mesh_site;
 mod methods;
 mod page;
 mod pareto;

@@ -1,25 +1,21 @@
 //! The best pair of mounts in each of many scenes and walks, and how well one scene's mount serves another.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::mesh_site::{MeshSite, VOXEL_M};
 use super::rows::{FAILED, Row, chosen, row_of, text};
 use super::walks::Walk;
 use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
 use crate::base::statistics::index_of_max;
 use crate::report::chart::{self, LineChart, Series};
-use crate::rig::Mount;
-use crate::simulate::fan::BeamFan;
-use crate::world::coverage::VoxelGrid;
-use crate::world::scene::{Scene, load_mesh};
-use crate::world::trajectory::Trajectory;
+use crate::rig::{Mount, Rig};
+use crate::simulate::view::{CastView, View as _};
 
 const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
-const VOXEL_M: f64 = 0.2;
-const COLUMNS: usize = 180;
+const COLUMNS: u32 = 180;
 const SCANS_PER_S: f64 = 2.5;
 /// Half the distance between the two sensors of a pair, m.
 const HALF_DISTANCE_M: f64 = 0.1;
@@ -64,8 +60,8 @@ impl Study for Scenes {
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
-        let (scene, trajectory) = match walked(&task) {
-            Ok(walked) => walked,
+        let (site, view) = match viewed(&task) {
+            Ok(viewed) => viewed,
             // one bad file of a folder does not keep the others from being studied
             Err(StudyError(reason)) => {
                 let mut row = row_of(&task);
@@ -73,23 +69,19 @@ impl Study for Scenes {
                 return Ok(vec![row]);
             }
         };
-        let model = sensors::catalogue::nominal(&task.sensor).map_err(StudyError::of)?;
-        let (columns, rate_hz) = if task.quick { (60, 1.0) } else { (COLUMNS, SCANS_PER_S) };
-        let fan = BeamFan::nominal(&model, columns, rate_hz);
-        let grid = VoxelGrid::centred_on(scene.bounds_m(), VOXEL_M);
-        let voxels = |mounts: &[Mount]| fan.coverage(&scene, &trajectory, mounts, &grid).0.union_count();
+        let voxels = |rigs: Vec<Rig>| -> Vec<u64> {
+            view.see(&rigs).into_iter().map(|seen| seen.union as u64).collect()
+        };
         let at =
             |x_m: f64, pitch_deg: f64| Mount { x_m, pitch_rad: pitch_deg.to_radians(), ..Mount::default() };
         let pitches: Vec<f64> = (0..=75).step_by(if task.quick { 15 } else { 3 }).map(f64::from).collect();
-        let pairs: Vec<u64> = pitches
-            .iter()
-            .map(|pitch| voxels(&[at(-HALF_DISTANCE_M, -pitch), at(HALF_DISTANCE_M, *pitch)]))
-            .collect();
-        let single: Vec<u64> = pitches.iter().map(|pitch| voxels(&[at(0.0, *pitch)])).collect();
+        let pair = |pitch: &f64| site.rig(&[at(-HALF_DISTANCE_M, -pitch), at(HALF_DISTANCE_M, *pitch)]);
+        let pairs = voxels(pitches.iter().map(pair).collect());
+        let single = voxels(pitches.iter().map(|pitch| site.rig(&[at(0.0, *pitch)])).collect());
         let mut row = row_of(&task);
         let name = task.scene.file_stem().map(|name| name.to_string_lossy().into_owned());
         row.insert("scene".into(), json!(name));
-        row.insert("length_m".into(), json!((trajectory.length_m() * 10.0).round() / 10.0));
+        row.insert("length_m".into(), json!((view.site().trajectory.length_m() * 10.0).round() / 10.0));
         row.insert("pitches_deg".into(), json!(pitches));
         row.insert("pair_voxels".into(), json!(pairs));
         row.insert("single_voxels".into(), json!(single));
@@ -138,13 +130,13 @@ impl Study for Scenes {
     }
 }
 
-/// A task's scene and the walk through it.
-fn walked(task: &Task) -> Result<(Scene, Trajectory), StudyError> {
-    let mesh = load_mesh(&task.scene, None, None).map_err(StudyError::of)?.mesh;
-    let scene = Scene::Mesh(Arc::new(mesh));
-    let trajectory = task.walk.through(&scene);
-    let trajectory = trajectory.map_err(|error| StudyError(format!("{}: {error}", task.scene.display())))?;
-    Ok((scene, trajectory))
+/// A task's scene and the view along the walk through it.
+fn viewed(task: &Task) -> Result<(MeshSite, CastView), StudyError> {
+    let site = MeshSite::new(&task.scene, &task.sensor)?;
+    let walk = task.walk.through(&site.scene).map_err(|error| StudyError::at(&task.scene, error))?;
+    let (columns, rate_hz) = if task.quick { (60, 1.0) } else { (COLUMNS, SCANS_PER_S) };
+    let view = site.view(walk, columns, rate_hz).map_err(|error| StudyError::at(&task.scene, error))?;
+    Ok((site, view))
 }
 
 /// The meshes of a folder, or the one that is named.
