@@ -126,7 +126,7 @@ impl<'a> Run<'a, '_> {
             (None, None) => Findings::default(),
         };
         let mut search = SceneSearch::new(rigs, model, self.judges, self.weights.clone(), plan, known)?;
-        self.stage.counts(self.evaluations as u64, 0);
+        self.stage.counts((plan.evaluations + plan.around) as u64, 0);
         let failed = std::cell::RefCell::new(None);
         let progress = |search: &SceneSearch<'_>, what: &str| {
             self.stage.at(search.evaluations() as u64);

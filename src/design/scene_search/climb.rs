@@ -20,7 +20,7 @@ const POLLS: usize = 2;
 /// takes the rest.
 const MIRRORED: usize = 5;
 const SHARED: usize = 3;
-/// A mirrored mount worse by this share is not climbed from.
+/// A mirrored mount is not climbed from where its J is lower by more than this share of the voxels that the best sees.
 const RIVAL: f64 = 0.003;
 
 /// A mount from which steps go on.
@@ -55,11 +55,12 @@ impl SceneSearch<'_> {
         let mut rng = Rng::new(self.plan.seed, 3);
         let first = self.exact.len();
         let last = first + self.plan.climbing;
-        let Some(mut best) = self.best_since(0).map(Start::at) else { return };
+        let Some(favourite) = self.best_since(0) else { return };
+        let (mut best, rival_loss) = (Start::at(favourite), RIVAL * favourite.seen.union);
         let images = self.mirrored(&best.values);
         self.poll(&images, self.plan.climbing / MIRRORED, best.score, progress, stop);
         let image = self.best_since(first).map(Start::at);
-        if let Some(mut image) = image.filter(|image| image.score > (1.0 - RIVAL) * best.score) {
+        if let Some(mut image) = image.filter(|image| image.score > best.score - rival_loss) {
             let each = (last - self.exact.len()) / SHARED;
             for start in [&mut best, &mut image] {
                 self.climb_from(start, self.exact.len() + each, &mut rng, progress, stop);
