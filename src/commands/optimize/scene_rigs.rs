@@ -70,7 +70,7 @@ pub(super) fn sampling(args: &Args) -> Sampling {
     Sampling {
         is_ideal: args.scene.ideal,
         columns: args.experiment.of_scene().columns,
-        scan_stride: args.scene.scan_stride,
+        scan_stride: args.scene.scan_stride.unwrap_or(1),
         min_range_m: args.scene.ideal.then_some(IDEAL_MIN_RANGE_M),
         quality: args.scene.quality.quality(),
         ..Sampling::default()

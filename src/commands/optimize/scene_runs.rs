@@ -54,7 +54,7 @@ pub(super) fn asked(args: &Args) -> anyhow::Result<Asked<'_>> {
         weights: args.scene.weights,
         is_ideal: args.scene.ideal,
         columns: args.experiment.of_scene().columns,
-        scan_stride: args.scene.scan_stride,
+        scan_stride: args.scene.scan_stride.unwrap_or(1),
         quality: args.scene.quality.quality(),
         criterion: args.robust.unwrap_or(Criterion::Expected),
         registration: args.experiment.registration()?,

@@ -6,6 +6,7 @@ use super::built::{AsBuilt, ToleranceLoss};
 use super::exact::{Exact, tilt_rad};
 use super::search::SceneSearch;
 use super::weights::{no_fewer_than_seen, share_of};
+use crate::base::numbers::number;
 use crate::design::objective::{Terms, angle_deg};
 use crate::design::registration::RegistrationQuality;
 use crate::rig::{Mount, Rig, SensorEntry};
@@ -115,10 +116,11 @@ impl Answer {
         let single = self.best_single.objective.max(self.level_single.objective);
         if best.sensors.len() > 1 && single > best.objective {
             doubts.push(format!(
-                "one sensor alone scores J {single:.1}, more than the best of {} sensors (J {:.1}): by these weights further \
-                 sensors do not pay here",
+                "one sensor alone scores J {}, more than the best of {} sensors (J {}): by these weights further sensors do not \
+                 pay here",
+                number(single, 1),
                 best.sensors.len(),
-                best.objective
+                number(best.objective, 1)
             ));
         }
         if best.min_angle_deg.is_some_and(|angle_deg| AT_THE_RULE_DEG.contains(&angle_deg)) {

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::base::numbers::number;
 use crate::design::robustness::{Criterion, RobustnessError, SEARCH_SEED, Spread, Tolerance, phase_of};
 use crate::rig::Rig;
 
@@ -83,10 +84,10 @@ impl AsBuilt {
         let Self { tolerance, objective, .. } = self;
         let spun = if tolerance.free_phase { ", revolutions that start anywhere" } else { "" };
         format!(
-            "J {:.1} ± {:.1}, {:.1} at worst, of {} draws: errors of {} m and {}°{spun}",
-            objective.mean,
-            objective.deviation,
-            objective.worst,
+            "J {} ± {}, {} at worst, of {} draws: errors of {} m and {}°{spun}",
+            number(objective.mean, 1),
+            number(objective.deviation, 1),
+            number(objective.worst, 1),
             objective.draws,
             tolerance.position_m,
             tolerance.angle_deg

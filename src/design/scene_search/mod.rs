@@ -28,6 +28,6 @@ pub(crate) use exact::Exact;
 pub(crate) use plan::{Judges, Plan};
 pub(crate) use rig_space::{RigSpace, is_of_few_channels};
 pub(crate) use search::{SceneSearch, SearchEnd};
-pub(crate) use sites::Views;
+pub(crate) use sites::{Views, affordable_stride};
 pub(crate) use state_file::{Asked, Findings, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, no_fewer_than_seen, share_of};

@@ -8,7 +8,7 @@ pub(crate) use sections::{Pictures, report};
 
 use serde::Serialize;
 
-use crate::base::numbers::counted;
+use crate::base::numbers::{count, counted, number};
 use crate::design::optimize::StoppedBy;
 use crate::design::robustness::Criterion;
 use crate::design::scene_search::{Answer, Judged, JudgedAtSite, ModelError, Plan, SceneWeights, WeightRule};
@@ -206,19 +206,19 @@ impl Document {
     fn tolerance_line(&self) -> String {
         let loss = &self.answer.tolerance;
         format!(
-            "{} m and {}° off cost {:.2} % on average, {:.2} % at worst of {} draws",
+            "{} m and {}° off cost {} % on average, {} % at worst of {} draws",
             loss.position_m,
             loss.angle_deg,
-            100.0 * loss.mean_loss_share,
-            100.0 * loss.worst_loss_share,
+            number(100.0 * loss.mean_loss_share, 2),
+            number(100.0 * loss.worst_loss_share, 2),
             loss.draws
         )
     }
 
     fn certainty_line(&self) -> String {
         format!(
-            "{:.0} voxels (standard deviation over starts of the revolutions); {} cannot be distinguished",
-            self.answer.phase_sd_voxels,
+            "{} voxels (standard deviation over starts of the revolutions); {} cannot be distinguished",
+            number(self.answer.phase_sd_voxels, 0),
             counted(self.answer.indistinguishable.len() as u64, "other mount")
         )
     }
@@ -228,13 +228,13 @@ impl Document {
         let step =
             error.step_z_m.map(|z_m| format!("; what is seen changes at a stroke where z is {z_m:.2} m"));
         Some(format!(
-            "{} views, {} heights, {:.0} MB; off by {:.0} voxels, {:.0} after the correction (standard deviation over {} \
-             exact mounts){}",
+            "{} views, {} heights, {} MB; off by {} voxels, {} after the correction (standard deviation over {} exact \
+             mounts){}",
             cost.views,
             cost.layers,
-            cost.bytes as f64 * 1e-6,
-            error.uncorrected_mean,
-            error.sd,
+            number(cost.bytes as f64 * 1e-6, 0),
+            number(error.uncorrected_mean, 0),
+            number(error.sd, 0),
             error.n,
             step.unwrap_or_default()
         ))
@@ -249,7 +249,10 @@ impl Document {
         };
         format!(
             "{} mounts by the model, {} exactly{thinned}, {} rays in {:.2} s",
-            self.evaluations, self.exact_evaluations, self.rays, self.wall_s
+            self.evaluations,
+            self.exact_evaluations,
+            count(self.rays),
+            self.wall_s
         )
     }
 

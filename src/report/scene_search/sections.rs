@@ -177,5 +177,9 @@ fn search(report: &mut Report, document: &Document) {
         steps: true,
         ..LineChart::default()
     };
-    report.chart(&chart.svg(), "A step is a mount of which every beam was cast.");
+    let cast = match document.plan.thinning {
+        1 => "every beam".to_owned(),
+        thinning => format!("one beam in {thinning}"),
+    };
+    report.chart(&chart.svg(), &format!("A step is a better mount of which {cast} was cast."));
 }
