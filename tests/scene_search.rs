@@ -144,7 +144,11 @@ fn view(site: &ViewSite, model: &str, sampling: &Sampling, precision: Precision)
     CastView::new(site.clone(), &[Unit::nominal(model).unwrap()], sampling, precision).unwrap()
 }
 
-/// To the bit in double precision; within 5 voxels of 0.1 m or 1 of 0.5 m in single precision. The largest difference.
+/// What single precision may be off by, voxels.
+const MOST_OFF: u64 = 5;
+
+/// To the bit in double precision; in single precision within [`MOST_OFF`], of 0.5 m within 1 but for one rig in fifty. The
+/// largest difference.
 fn compare(
     sites: &[ViewSite; 2],
     model: &str,
@@ -153,10 +157,11 @@ fn compare(
     precision: Precision,
 ) -> u64 {
     let mut worst = 0;
-    for (site, tolerance) in sites.iter().zip([1, 5]) {
+    for (site, usual) in sites.iter().zip([1, MOST_OFF]) {
+        let mut unusual = 0;
         let view = view(site, model, sampling, precision);
         for entry in entries {
-            let expected = if tolerance == 1 { &entry.coarse } else { &entry.fine };
+            let expected = if usual == 1 { &entry.coarse } else { &entry.fine };
             let rig = rig(model, &entry.master, expected.per_sensor.len());
             assert_eq!(view.rays(&rig), entry.rays);
             let what = format!("{model} {:?} {precision:?}", entry.master);
@@ -171,10 +176,12 @@ fn compare(
                 let pairs =
                     pairs.chain([(&counts.union, &expected.union), (&counts.overlap, &expected.overlap)]);
                 let most = pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap();
-                assert!(most <= tolerance, "{what}: {most} voxels off");
+                assert!(most <= MOST_OFF, "{what}: {most} voxels off");
+                unusual += usize::from(most > usual);
                 worst = worst.max(most);
             }
         }
+        assert!(unusual * 50 <= entries.len(), "{model} {precision:?}: {unusual} are more than {usual} off");
     }
     worst
 }

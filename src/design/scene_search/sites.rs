@@ -16,7 +16,7 @@ pub(crate) struct Views {
     pub weights: SceneWeights,
 }
 
-/// Beams of a rig beyond which not every revolution is cast, where nobody says which.
+/// Beams of a rig beyond which not every revolution is cast, where no stride is given.
 const MOST_RAYS: u64 = 500_000_000;
 
 /// How many revolutions there are to one that is cast, where a rig like this has no more beams than are affordable, and the beams of all.
