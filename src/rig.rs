@@ -168,6 +168,16 @@ pub struct NoSlot {
 }
 
 impl Rig {
+    /// A sensor of this model on each of these mounts, named by its number.
+    pub(crate) fn of_model(model: &SensorModel, mounts: &[Mount]) -> Self {
+        let sensor = |(index, mount): (usize, &Mount)| MountedSensor {
+            name: format!("sensor {}", index + 1),
+            model: model.clone(),
+            mount: *mount,
+        };
+        Self { sensors: mounts.iter().enumerate().map(sensor).collect() }
+    }
+
     /// Each sensor followed by its mirror image across the platform's plane of symmetry.
     #[cfg(test)]
     pub(crate) fn mirrored(masters: Vec<MountedSensor>) -> Self {

@@ -37,7 +37,7 @@ pub(crate) struct Answer {
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconfigureError {
-    /// The map has no surface, or the trajectory no pose.
+    /// No pitches see anything: the map has no surface, or the trajectory no pose.
     #[error("no surface has been mapped yet: let the sensors look around first")]
     NothingSeen,
     /// No sensors, or not one pair of limits for each.
@@ -93,9 +93,6 @@ pub(crate) fn propose(
     if sensors == 0 || sensors != limits {
         return Err(ReconfigureError::Axes { sensors, limits });
     }
-    if question.view.observable() == 0 {
-        return Err(ReconfigureError::NothingSeen);
-    }
     let variable = |(axis, [low_rad, high_rad]): (usize, &[f64; 2])| Variable {
         name: format!("pitch of axis {axis}, deg"),
         low: low_rad.to_degrees(),
@@ -117,6 +114,9 @@ pub(crate) fn propose(
     let found = found.map(|pitches_rad| question.look(&pitches_rad));
     let better = found.filter(|(rig, best)| question.violation(rig) == 0.0 && best.union > now.union);
     let (rig, best) = better.unwrap_or_else(|| (question.rig.clone(), now.clone()));
+    if best.union == 0.0 {
+        return Err(ReconfigureError::NothingSeen);
+    }
     Ok(Answer { rig, best, now })
 }
 

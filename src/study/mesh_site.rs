@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::StudyError;
-use crate::rig::{Mount, MountedSensor, Rig, Unit};
+use crate::rig::{Mount, Rig, Unit};
 use crate::simulate::view::{CastView, Precision, Sampling, Shades, ViewError, ViewSite};
 use crate::world::coverage::VoxelGrid;
 use crate::world::scene::{Scene, load_mesh};
@@ -48,11 +48,6 @@ impl MeshSite {
 
     /// A sensor on each of these mounts.
     pub(super) fn rig(&self, mounts: &[Mount]) -> Rig {
-        let sensor = |(index, mount): (usize, &Mount)| MountedSensor {
-            name: format!("sensor {}", index + 1),
-            model: self.unit.model.clone(),
-            mount: *mount,
-        };
-        Rig { sensors: mounts.iter().enumerate().map(sensor).collect() }
+        Rig::of_model(&self.unit.model, mounts)
     }
 }

@@ -10,11 +10,10 @@ use super::scene_rigs::{fineness, largest, present, rig_space, sampling};
 use super::scene_runs::{Run, asked, compared, errors};
 use super::site::sites;
 use crate::base::files;
-use crate::base::numbers::count;
 use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
-use crate::design::scene_search::{Views, affordable_stride};
+use crate::design::scene_search::Views;
 use crate::report::scene_search::{Document, Pictures, report};
 use crate::simulate::view::ViewError;
 
@@ -80,7 +79,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let rigs = rig_space(args)?;
     let errors = errors(args, context)?;
-    let mut asked = asked(args)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
     let (sites, mut warnings) = sites(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
@@ -88,7 +86,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         files::write_whole(path, site.trajectory.moved(source.origin.world_m()).to_tum().as_bytes())
             .with_context(|| path.display().to_string())?;
     }
-    let mut sampling = sampling(args);
     let stop = signals::stop_flag()?;
     let stage = Stage::begin("looking around from the trajectory");
     let evaluations = args.evals.unwrap_or(DEFAULT_EVALUATIONS) as usize;
@@ -98,18 +95,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (sites, sources): (Vec<_>, Vec<_>) = sites.into_iter().unzip();
     let largest = largest(args, &rigs);
     let refused = |error: ViewError| if error.is_usage() { wrong_usage(error) } else { error.into() };
-    if args.scene.scan_stride.is_none() {
-        let (stride, rays) = affordable_stride(&sites, &units, &sampling, &largest).map_err(refused)?;
-        (sampling.scan_stride, asked.scan_stride) = (stride, stride);
-        if stride > 1 {
-            let all = count(rays);
-            let words = format!(
-                "judged by one revolution in {stride}, as all are {all} beams a mount; --scan-stride 1 casts them"
-            );
-            output::say_notice(&words);
-            warnings.push(words);
-        }
-    }
+    let (sampling, left_out) = sampling(args, &sites, &units, &largest).map_err(refused)?;
+    left_out.iter().for_each(|words| output::say_notice(words));
+    warnings.extend(left_out);
+    let asked = asked(args, sampling.scan_stride)?;
     let fineness = fineness(&rigs);
     let views = Views::new(sites, &units, (&sampling, &fineness), &largest, &asked).map_err(refused)?;
     let Views { mut model, judges, weights } = views;

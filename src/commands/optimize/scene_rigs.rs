@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use super::args::Args;
 use super::scene_flags::Counts;
 use super::values::Corners;
+use crate::base::numbers::count;
 use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
-use crate::design::scene_search::{RigSpace, is_of_few_channels};
+use crate::design::scene_search::{RigSpace, affordable_stride, is_of_few_channels};
 use crate::rig::{MountFile, Rig, Roll, Unit};
-use crate::simulate::view::{Fineness, Sampling};
+use crate::simulate::view::{Fineness, Sampling, ViewError, ViewSite};
 
 /// Least range of an ideal sensor, m.
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
@@ -66,15 +67,34 @@ pub(super) fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
     })
 }
 
-pub(super) fn sampling(args: &Args) -> Sampling {
-    Sampling {
+/// Which beams judge, and what is said where revolutions are left out.
+///
+/// # Errors
+/// Those of a view.
+pub(super) fn sampling(
+    args: &Args,
+    sites: &[ViewSite],
+    units: &[Unit],
+    largest: &Rig,
+) -> Result<(Sampling, Option<String>), ViewError> {
+    let all = Sampling {
         is_ideal: args.scene.ideal,
         columns: args.experiment.of_scene().columns,
-        scan_stride: args.scene.scan_stride.unwrap_or(1),
         min_range_m: args.scene.ideal.then_some(IDEAL_MIN_RANGE_M),
         quality: args.scene.quality.quality(),
         ..Sampling::default()
+    };
+    if let Some(scan_stride) = args.scene.scan_stride {
+        return Ok((Sampling { scan_stride, ..all }, None));
     }
+    let (scan_stride, rays) = affordable_stride(sites, units, &all, largest)?;
+    let left_out = (scan_stride > 1).then(|| {
+        format!(
+            "judged by one revolution in {scan_stride}, as all are {} beams a mount; --scan-stride 1 casts them",
+            count(rays)
+        )
+    });
+    Ok((Sampling { scan_stride, ..all }, left_out))
 }
 
 /// The units and the rig of a mount file.

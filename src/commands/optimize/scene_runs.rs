@@ -48,13 +48,13 @@ pub(super) fn compared(found: &[OfCount], observable: &[u64]) -> Vec<CountDocume
 }
 
 /// What the document and the state file say of the command.
-pub(super) fn asked(args: &Args) -> anyhow::Result<Asked<'_>> {
+pub(super) fn asked(args: &Args, scan_stride: u32) -> anyhow::Result<Asked<'_>> {
     Ok(Asked {
         sensors: &args.scene.sensors,
         weights: args.scene.weights,
         is_ideal: args.scene.ideal,
         columns: args.experiment.of_scene().columns,
-        scan_stride: args.scene.scan_stride.unwrap_or(1),
+        scan_stride,
         quality: args.scene.quality.quality(),
         criterion: args.robust.unwrap_or(Criterion::Expected),
         registration: args.experiment.registration()?,

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::Ladder;
-use crate::rig::{Mount, MountedSensor, Phase, Rig};
+use crate::rig::{Mount, Phase, Rig};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::world::coverage::{Coverage, VoxelGrid};
@@ -79,12 +79,7 @@ impl SceneLadder {
         sensor_errors: SensorErrors,
         with_housings: bool,
     ) -> u64 {
-        let sensor = |(index, mount): (usize, &Mount)| MountedSensor {
-            name: format!("{}", index + 1),
-            model: self.model.clone(),
-            mount: *mount,
-        };
-        let rig = Rig { sensors: mounts.iter().enumerate().map(sensor).collect() };
+        let rig = Rig::of_model(&self.model, mounts);
         let spin = Spin { rate_hz: fan.rate_hz, columns: fan.columns() as u32, ..Spin::default() };
         let mut scanner =
             Scanner { sensor_errors, ..Scanner::new(&self.scene, &self.trajectory, &rig, spin) };

@@ -77,7 +77,7 @@ impl MapCells {
 impl View for MapView<'_> {
     /// Cells of known surface and the unseen ones next to it; none without a pose.
     fn observable(&self) -> u64 {
-        if self.poses.is_empty() { 0 } else { self.map.sights().len() as u64 }
+        if self.poses.is_empty() { 0 } else { self.map.sights() }
     }
 
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {

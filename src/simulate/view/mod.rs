@@ -2,7 +2,7 @@
 //!
 //! Several views answer: [`CastView`] casts every beam and is exact; [`CellView`] looks at the voxels from the sensor's side,
 //! has a stated error, and takes a hundredth of the time; [`super::published::PublishedBox`] is the published experiment to
-//! the bit; [`MapView`] looks at a map that is being recorded. Candidates come in batches: that is what makes it fast.
+//! the bit; `MapView` looks at a map that is being recorded. Candidates come in batches: that is what makes it fast.
 
 mod at_rest;
 mod cast;

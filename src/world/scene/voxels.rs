@@ -10,8 +10,6 @@ mod strays;
 use cell_walk::CellWalk;
 pub use strays::Strays;
 
-use std::collections::HashSet;
-
 use glam::DVec3;
 
 use super::Hit;
@@ -200,14 +198,20 @@ impl VoxelMap {
         self.occupied().filter_map(|cell| self.mean_m(cell))
     }
 
-    /// Every cell that some ray could end in.
-    pub(crate) fn sights(&self) -> HashSet<Sight> {
+    /// How many cells some ray could end in.
+    pub(crate) fn sights(&self) -> u64 {
         let mut last = LastRegion::default();
-        let mut sights = HashSet::new();
+        let mut sights = 0;
         for cell in self.occupied() {
-            sights.insert(Sight::Surface(cell));
-            let unknown = neighbours(cell).filter(|cell| self.state(*cell, &mut last) == Cell::Unknown);
-            sights.extend(unknown.map(Sight::Frontier));
+            sights += 1;
+            for neighbour in neighbours(cell) {
+                if self.state(neighbour, &mut last) == Cell::Unknown {
+                    // counted with the first occupied one around it
+                    let first =
+                        neighbours(neighbour).find(|cell| self.state(*cell, &mut last) == Cell::Occupied);
+                    sights += u64::from(first == Some(cell));
+                }
+            }
         }
         sights
     }

@@ -98,6 +98,9 @@ fn rays_beyond_belief_are_counted() {
     assert!(VoxelMap::new(0.1, 0, 1.0).is_err());
     map.add_return(DVec3::ONE, DVec3::ONE);
     assert_eq!(map.counts(), [0, 1], "a return at the sensor itself");
+    assert_eq!(map.sights(), 1 + 6);
+    map.add_return(DVec3::new(1.15, 1.05, 1.05), DVec3::new(1.15, 1.05, 1.05));
+    assert_eq!((map.counts(), map.sights()), ([0, 2], 2 + 10), "two side by side");
 }
 
 #[test]
