@@ -179,6 +179,22 @@ fn assert_blind_spots_are_what_is_missed(page: &str) {
     let number = |text: &str| text.rsplit('>').next()?.split(" voxel").next()?.parse::<u64>().ok();
     let listed: Vec<u64> = html.split(" around (").filter_map(number).collect();
     assert!(listed.len() < 10 && missed > 0 && listed.iter().sum::<u64>() == missed, "{listed:?} {missed}");
+    assert_speed_stands_against_accuracy(&html);
+}
+
+/// Every count errs less than one of fewer voxels, or fewer revolutions.
+fn assert_speed_stands_against_accuracy(html: &str) {
+    let table = html.split("Speed against accuracy").nth(1).expect("the heading");
+    let error = |name: &str| -> f64 {
+        let row = table.split(&format!(">{name}</td>")).nth(1).unwrap_or_else(|| panic!("{name}: {table}"));
+        let cells: Vec<&str> =
+            row.split("</td>").take(2).map(|cell| cell.rsplit('>').next().unwrap()).collect();
+        assert!(cells[0].parse::<f64>().is_ok_and(|ms| ms >= 0.0), "{name}: {cells:?}");
+        cells[1].replace(',', "").parse().unwrap()
+    };
+    assert!(error("model, every voxel") <= error("model, one voxel in 16"));
+    assert!(error("one revolution in 4") <= error("one revolution in 16"));
+    assert!(error("beams of the search") >= 0.0);
 }
 
 /// A search in the room, as JSON.

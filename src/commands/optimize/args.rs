@@ -23,7 +23,7 @@ pub struct Args {
     /// Search method [default: staged].
     #[arg(long, value_enum)]
     pub(super) method: Option<Kind>,
-    /// Evaluations of the objective; a search in a scene may take an eighth more [default: the method's own].
+    /// Evaluations, in a scene up to 1/8 more [default: the method's own].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     pub(super) evals: Option<u64>,
     /// Seed of all random numbers [default: 1].

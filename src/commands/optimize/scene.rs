@@ -118,10 +118,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (search, mut end) = run.search(&rigs, &mut model, known)?;
     stage.next("casting what the best mount is compared with");
     let answer = search.answer(&mut end.exact, present.as_ref().map(|(_, rig)| rig));
-    drop(stage);
     let Some(answer) = answer else {
         bail!("stopped before the first exact evaluation: no mount was scored")
     };
+    let fidelities = args.report.as_ref().map(|_| {
+        stage.next("measuring speed against accuracy");
+        search.fidelities(answer.phase_sd_voxels)
+    });
+    drop(stage);
     let winner = &end.exact[0];
     let violation_m = rigs.violation_m(&winner.rig);
     if winner.violation > violation_m {
@@ -148,8 +152,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut document = Document::new(&asked, cast, &search, &end, answer, &sources);
     document.wall_s = start.elapsed().as_secs_f64();
     (document.by_count, document.warnings) = (by_count, warnings);
-    let pictures = Pictures { rig: &winner.rig, cast, sources: &sources };
-    let report = report(&document, args.report.as_ref().map(|_| &pictures));
+    let pictures = fidelities.as_deref().map(|fidelities| Pictures {
+        rig: &winner.rig,
+        cast,
+        sources: &sources,
+        fidelities,
+    });
+    let report = report(&document, pictures.as_ref());
     let written = write(args, &rigs, &document, &winner.values)
         .and_then(|()| output::write_page(args.report.as_deref(), &report));
     output::print_result(context.json, &document, &report, &[])?;

@@ -105,7 +105,7 @@ pub struct SceneSearchArgs {
     pub(super) operator: Option<Operator>,
     #[command(flatten)]
     pub(super) quality: QualityArgs,
-    /// Judge by every N-th revolution [default: 1, more where a mount has more than 500 million beams].
+    /// Judge by every N-th revolution [default: by the number of beams].
     #[arg(long, value_name = "N", help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) scan_stride: Option<u32>,
     /// Coefficients of the score: the published ones as shares of the voxels that can be seen here, or as they are.

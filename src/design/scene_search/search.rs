@@ -11,7 +11,7 @@ use super::{RigSpace, SceneWeights};
 use crate::base::rng::Rng;
 use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
 use crate::rig::Rig;
-use crate::simulate::view::CellSites;
+use crate::simulate::view::{CellSites, Seen};
 
 /// In the spread, in the first local search and in those after it every so many voxels are looked at.
 pub(super) const SPARSE: [usize; 3] = [8, 4, 2];
@@ -48,6 +48,8 @@ pub(crate) struct SceneSearch<'a> {
     /// What was found before, in the order in which the search asks.
     known: Findings,
     found: Findings,
+    /// What was cast, in the order of `found.exact`.
+    rigs_cast: Vec<Rig>,
 }
 
 /// How a search ended.
@@ -96,12 +98,18 @@ impl<'a> SceneSearch<'a> {
             history: Vec::new(),
             known,
             found: Findings::default(),
+            rigs_cast: Vec::new(),
         })
     }
 
     /// What was found until now.
     pub(crate) fn findings(&self) -> &Findings {
         &self.found
+    }
+
+    /// The rigs that were cast and what the beams that judge while searching saw.
+    pub(super) fn cast(&self) -> impl Iterator<Item = (&Rig, &Seen)> {
+        self.rigs_cast.iter().zip(&self.found.exact)
     }
 
     /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
@@ -397,6 +405,7 @@ impl<'a> SceneSearch<'a> {
             None => self.judges.while_searching().see(&rigs),
         };
         self.found.exact.extend(seen.iter().cloned());
+        self.rigs_cast.extend(rigs.iter().cloned());
         let looked_at = chosen.iter().map(|at| (self.tried[*at].values.clone(), self.tried[*at].model.score));
         let (points, scores): (Vec<_>, Vec<f64>) = looked_at.unzip();
         let exact = self.exact((points, &scores), rigs, seen);

@@ -1,8 +1,8 @@
 //! The report of a search in a scene.
 
 use super::{CountDocument, Document, SiteDocument, SiteSource, TrajectoryDocument};
-use crate::design::scene_search::{Answer, CoveredSite, FlatRange, Judged, JudgedAtSite};
-use crate::report::chart::{LineChart, Series, count, number};
+use crate::design::scene_search::{Answer, CoveredSite, Fidelity, FlatRange, Judged, JudgedAtSite};
+use crate::report::chart::{LineChart, NamedPoint, ScatterChart, Series, count, number};
 use crate::report::{BlindSpot, FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::rig::{Rig, SensorEntry};
 use crate::simulate::view::{CastSites, CastView, ViewSite};
@@ -42,6 +42,7 @@ pub(crate) struct Pictures<'a> {
     pub rig: &'a Rig,
     pub cast: &'a CastSites,
     pub sources: &'a [SiteSource],
+    pub fidelities: &'a [Fidelity],
 }
 
 /// The answer, what it is compared with, how sure it is; with where it sees, for a page.
@@ -69,6 +70,7 @@ pub(crate) fn report(document: &Document, pictures: Option<&Pictures<'_>>) -> Re
     mounts(&mut report, document);
     certainty(&mut report, document);
     search(&mut report, document);
+    speed_against_accuracy(&mut report, pictures.map_or(&[], |pictures| pictures.fidelities));
     for site in &pictured {
         let of = if is_one { String::new() } else { format!(": {}", site.name) };
         report.heading(&format!("Who sees what{of}"));
@@ -182,4 +184,27 @@ fn search(report: &mut Report, document: &Document) {
         thinning => format!("one beam in {thinning}"),
     };
     report.chart(&chart.svg(), &format!("A step is a better mount of which {cast} was cast."));
+}
+
+fn speed_against_accuracy(report: &mut Report, fidelities: &[Fidelity]) {
+    if fidelities.is_empty() {
+        return;
+    }
+    report.heading("Speed against accuracy");
+    let row = |of: &Fidelity| vec![of.name.clone(), number(of.ms_per_mount, 2), number(of.sd_voxels, 0)];
+    report.table(&["what counts", "ms a mount", "error, voxels"], fidelities.iter().map(row).collect());
+    let point = |of: &Fidelity| NamedPoint {
+        name: of.name.clone(),
+        at: [of.ms_per_mount, of.sd_voxels],
+        group: usize::from(of.is_model),
+    };
+    let chart = ScatterChart {
+        title: "Error of a count against the time that it takes".into(),
+        x_label: "ms a mount".into(),
+        y_label: "error, voxels".into(),
+        points: fidelities.iter().map(point).collect(),
+    };
+    let words = "Here, on this machine. The error is the standard deviation of the difference from the beams of the search, over the best \
+                 mounts that they judged; theirs is over starts of the revolutions. What all mounts share is no error of a choice.";
+    report.chart(&chart.svg(), words);
 }

@@ -84,9 +84,18 @@ impl CastView {
 
     /// The same with the first column of every revolution turned on by so many columns.
     pub(crate) fn at_phase(&self, phase: f64) -> Self {
+        self.changed(|(fan, scans)| (fan.at_phase(phase), *scans))
+    }
+
+    /// The same with one revolution in so many.
+    pub(crate) fn every(&self, times: u64) -> Self {
+        self.changed(|(fan, scans)| (fan.clone(), scans.every(times)))
+    }
+
+    fn changed(&self, unit: impl Fn(&(Fan, Scans)) -> (Fan, Scans)) -> Self {
         Self {
             site: self.site.clone(),
-            units: self.units.iter().map(|(fan, scans)| (fan.at_phase(phase), *scans)).collect(),
+            units: self.units.iter().map(unit).collect(),
             precision: self.precision,
             min_hits: self.min_hits,
             instructions: self.instructions,

@@ -42,6 +42,11 @@ impl Scans {
         })
     }
 
+    /// One in so many of these, from the first.
+    pub(super) fn every(&self, times: u64) -> Self {
+        Self { count: self.count.div_ceil(times), step_ns: self.step_ns * times as f64, ..*self }
+    }
+
     /// World from body at every column of a scan: axes, and origin, m.
     pub(super) fn poses(&self, trajectory: &Trajectory, scan: u64) -> Vec<(DMat3, DVec3)> {
         (0..self.columns).map(|column| self.pose(trajectory, scan, column as f64)).collect()

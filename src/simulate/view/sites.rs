@@ -28,6 +28,12 @@ impl CastSites {
         Self { views, scales: self.scales.clone() }
     }
 
+    /// The same with one revolution in so many.
+    pub(crate) fn every(&self, times: u64) -> Self {
+        let views = self.views.iter().map(|view| view.every(times)).collect();
+        Self { views, scales: self.scales.clone() }
+    }
+
     /// Beams of a rig.
     pub(crate) fn rays(&self, rig: &Rig) -> u64 {
         self.views.iter().map(|view| view.rays(rig)).sum()
