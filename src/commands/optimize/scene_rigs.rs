@@ -67,7 +67,7 @@ pub(super) fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
     })
 }
 
-/// Which beams judge, and what is said where revolutions are left out.
+/// Which beams judge, and a notice where revolutions are left out.
 ///
 /// # Errors
 /// Those of a view.

@@ -1,4 +1,4 @@
-//! Speed against accuracy in this scene: what each count of a mount takes, and by how much it is wrong.
+//! Speed against accuracy in this scene: what each count of what a mount sees takes, and by how much it is wrong.
 
 use std::time::Instant;
 
@@ -25,7 +25,7 @@ pub(crate) struct Fidelity {
 }
 
 impl SceneSearch<'_> {
-    /// Counts the best of those cast again in every way; nothing where they are too few. `phase_sd_voxels` is what the starts of the
+    /// Counts the best of those cast again by each of them; nothing where mounts are too few. `phase_sd_voxels` is what the starts of the
     /// revolutions make of the search's own beams.
     pub(crate) fn fidelities(&self, phase_sd_voxels: f64) -> Vec<Fidelity> {
         let mut cast: Vec<(&Rig, f64)> = self.cast().map(|(rig, seen)| (rig, seen.union)).collect();
