@@ -364,7 +364,8 @@ impl Objective {
 
     /// Scores a rig from counted coverage.
     pub(crate) fn score_counts(&self, rig: &Rig, counts: &Counts) -> Evaluation {
-        let rays = self.simulator.rays(rig);
+        let sensors = self.simulator.sensors(rig);
+        let rays = self.simulator.experiment().rays(&sensors);
         let registration = self.registration(rig);
         let terms = self.terms(rig, &Seen::exact(counts, rays), registration.as_ref());
         let too_close =
@@ -376,7 +377,6 @@ impl Objective {
                 needed_conditioning: self.weights.least_conditioning,
             });
         }
-        let sensors = self.simulator.sensors(rig);
         Evaluation {
             objective: terms.objective(),
             unique_voxels: counts.union,

@@ -11,7 +11,6 @@ use crate::simulate::view::{Seen, View};
 const STEP_DEG: f64 = 0.1;
 
 /// What is known: the place and the rig.
-#[derive(Clone)]
 pub(crate) struct Question<'a> {
     /// Of what was recorded.
     pub view: &'a dyn View,
@@ -57,18 +56,12 @@ pub enum ReconfigureError {
 }
 
 impl Question<'_> {
-    /// The rig at these pitches, rad.
-    fn rig_at(&self, pitches_rad: &[f64]) -> Rig {
+    /// The rig at these pitches, rad, and what it sees.
+    fn look(&self, pitches_rad: &[f64]) -> (Rig, Seen) {
         let mut rig = self.rig.clone();
         for (sensor, pitch_rad) in rig.sensors.iter_mut().zip(pitches_rad) {
             sensor.mount.pitch_rad = *pitch_rad;
         }
-        rig
-    }
-
-    /// What the rig sees at these pitches, rad.
-    fn look(&self, pitches_rad: &[f64]) -> (Rig, Seen) {
-        let rig = self.rig_at(pitches_rad);
         let seen = self.view.see(std::slice::from_ref(&rig)).swap_remove(0);
         (rig, seen)
     }

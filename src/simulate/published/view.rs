@@ -14,8 +14,9 @@ impl View for PublishedBox {
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
         let see = |rig: &Rig| {
             let nothing = || Counts::of_bitmaps(&vec![&[] as &[u64]; rig.sensors.len()]);
-            let counts = self.count(&self.sensors(rig)).unwrap_or_else(|_| nothing());
-            Seen::exact(&counts, self.rays(rig))
+            let sensors = self.sensors(rig);
+            let counts = self.count(&sensors).unwrap_or_else(|_| nothing());
+            Seen::exact(&counts, self.experiment.rays(&sensors))
         };
         rigs.iter().map(see).collect()
     }

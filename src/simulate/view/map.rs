@@ -85,13 +85,13 @@ impl View for MapView<'_> {
             let by_sensor: Vec<_> = rig.sensors.iter().map(|sensor| self.sights(sensor)).collect();
             let mut times = HashMap::<Sight, u32>::new();
             by_sensor.iter().flatten().for_each(|sight| *times.entry(*sight).or_default() += 1);
-            let sights = rig.sensors.iter().map(|sensor| sights_m(&sensor.model).len()).sum::<usize>();
+            let beams = rig.sensors.iter().map(|sensor| sensor.model.channels().min(BEAMS)).sum::<usize>();
             Seen {
                 per_sensor: by_sensor.iter().map(|sights| sights.len() as f64).collect(),
                 union: times.len() as f64,
                 overlap: times.values().filter(|times| **times > 1).count() as f64,
                 sd_voxels: None,
-                rays: (sights * self.poses.len()) as u64,
+                rays: (beams * COLUMNS * self.poses.len()) as u64,
                 by_site: Vec::new(),
             }
         };

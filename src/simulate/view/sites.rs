@@ -24,14 +24,16 @@ impl CastSites {
 
     /// The same with the first column of every revolution turned on by so many columns.
     pub(crate) fn at_phase(&self, phase: f64) -> Self {
-        let views = self.views.iter().map(|view| view.at_phase(phase)).collect();
-        Self { views, scales: self.scales.clone() }
+        self.changed(|view| view.at_phase(phase))
     }
 
     /// The same with one revolution in so many.
     pub(crate) fn every(&self, times: u64) -> Self {
-        let views = self.views.iter().map(|view| view.every(times)).collect();
-        Self { views, scales: self.scales.clone() }
+        self.changed(|view| view.every(times))
+    }
+
+    fn changed(&self, view: impl Fn(&CastView) -> CastView) -> Self {
+        Self { views: self.views.iter().map(view).collect(), scales: self.scales.clone() }
     }
 
     /// Beams of a rig.
